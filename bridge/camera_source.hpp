@@ -1,0 +1,91 @@
+// SPDX-License-Identifier: Apache-2.0
+// Any GigE Vision or USB3 Vision camera through Aravis: frames from a fixed pool, each with camera
+// and host time stamps, and every fault reported as such. Nothing is allocated per frame; a faulty
+// frame is reported, never repaired.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include <opencv2/core.hpp>
+
+namespace holdfast::bridge {
+
+enum class PixelFormat : std::uint8_t {
+  mono8,
+  mono12,
+  bayer_rg8,
+  bayer_gb8,
+  bayer_gr8,
+  bayer_bg8,
+  rgb8,
+  bgr8
+};
+
+struct CameraParameters {
+  std::string id;      ///< Aravis id, IP address or empty
+  std::string serial;  ///< used when id is empty; both empty: the first camera found
+  PixelFormat pixel_format = PixelFormat::mono8;
+  int width_px = 1920, height_px = 1080, offset_x_px = 0, offset_y_px = 0;
+  double frame_rate_hz = 30;
+  double exposure_us = 5000;
+  std::optional<double> gain_db;         ///< absent: left as the camera has it
+  std::optional<int> packet_size_bytes;  ///< GigE only; absent: negotiated
+  int buffers = 8;
+  int socket_buffer_bytes = 16 * 1024 * 1024;
+  bool stamp_is_exposure_start = true;  ///< the camera stamps the start of exposure; false: its end
+  std::chrono::milliseconds frame_timeout{200};  ///< no buffer for this long: silent
+  std::chrono::milliseconds reconnect_min{100};  ///< backoff, doubled up to reconnect_max
+  std::chrono::milliseconds reconnect_max{2000};
+};
+
+enum class CameraEvent : std::uint8_t {
+  connected,
+  frame,       ///< a complete frame
+  incomplete,  ///< packets missing, or a size that is not the expected one
+  gap,         ///< frame ids were skipped; `frames_missing` says how many
+  silent,      ///< no buffer within frame_timeout
+  disconnected,
+  time_invalid  ///< the camera's stamp repeats or goes back
+};
+
+struct CameraReport {
+  CameraEvent event{};
+  std::uint64_t frame_id = 0;
+  std::uint64_t frames_missing = 0;
+  std::chrono::nanoseconds t_received{};  ///< host CLOCK_MONOTONIC, when the last packet was in
+  std::chrono::nanoseconds t_camera{};    ///< the camera's own stamp
+  std::chrono::nanoseconds t_exposure{};  ///< mid-exposure on host CLOCK_MONOTONIC, from t_camera
+  std::chrono::nanoseconds clock_offset_sigma{};  ///< uncertainty of that conversion
+  cv::Mat image;  ///< CV_8UC1, CV_16UC1 (mono12) or CV_8UC3 BGR; in the pool, valid during the call
+                  ///< only
+};
+
+struct CameraCounters {
+  std::uint64_t frames = 0, incomplete = 0, missing = 0, disconnects = 0, reconnects = 0;
+};
+
+/// Opens the camera and delivers reports from its own thread until destroyed.
+class CameraSource {
+ public:
+  using Callback =
+      std::function<void(const CameraReport&)>;  ///< called on the camera thread; must not block
+  /// Throws UnavailableError when the camera is not there, InputError when it refuses a parameter
+  /// (naming the feature, the value, and the range the camera offers).
+  CameraSource(const CameraParameters& parameters, Callback callback);
+  ~CameraSource();
+  CameraSource(const CameraSource&) = delete;
+  CameraSource& operator=(const CameraSource&) = delete;
+  [[nodiscard]] CameraCounters counters() const noexcept;
+  [[nodiscard]] std::string description() const;  ///< vendor, model, serial, address
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace holdfast::bridge

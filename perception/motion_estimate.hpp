@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the tracker says about one frame: a status, the motion since the keyframe, and the evidence
+// for it. On `lost` no number in it may be used; there is never a fallback pose.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <string_view>
+
+#include <Eigen/Geometry>
+
+namespace holdfast::perception {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+enum class TrackingStatus : std::uint8_t { tracking, relocalised, degraded, lost };
+[[nodiscard]] std::string_view name(TrackingStatus status) noexcept;
+
+/// Why an estimate is degraded or lost.
+enum class TrackingReason : std::uint8_t {
+  none,
+  no_keyframe,
+  wrong_image_size,
+  wrong_image_type,
+  too_few_features,
+  too_few_matches,
+  too_few_inliers,
+  inliers_bunched,      ///< inliers cover too little of the image
+  inconsistent_motion,  ///< no rigid motion explains the matches well enough
+  implausible_motion,   ///< scale or rotation outside what the optics allow
+  drift_disagreement    ///< keyframe-anchored and frame-to-frame motion disagree
+};
+[[nodiscard]] std::string_view name(TrackingReason reason) noexcept;
+
+struct StageTimes {  ///< wall time of each stage of this frame
+  std::chrono::nanoseconds mask{}, detect{}, match{}, model{}, total{};
+};
+
+struct MotionEstimate {
+  TrackingStatus status = TrackingStatus::lost;
+  TrackingReason reason = TrackingReason::no_keyframe;
+  std::chrono::nanoseconds t_exposure{};  ///< mid-exposure, as passed to track()
+
+  Eigen::Isometry3d T_camera_site =
+      Eigen::Isometry3d::Identity();  ///< keyframe's camera frame to now
+  /// tx,ty,tz (mm), rx,ry,rz (rad), camera axes, about the site point on the optical axis at the
+  /// keyframe (the pivot): p_camera = Exp(r)·(T·p - T·pivot) + T·pivot + t.
+  Matrix6d covariance = Matrix6d::Zero();
+  Eigen::Vector3d p_pivot_site_mm = Eigen::Vector3d::Zero();
+
+  double dx_um = 0, dy_um = 0;  ///< image-plane motion of the site, right and down positive
+  double rotation_rad = 0;      ///< in-plane, relative to the keyframe
+  double scale = 1;             ///< relative to the keyframe
+
+  int features = 0;
+  int matches = 0;
+  int inliers = 0;
+  double inlier_spread = 0;        ///< fraction of image cells (8x8) that hold an inlier, 0..1
+  double reprojection_rms_px = 0;  ///< of the inliers
+  double frame_to_frame_dx_um = 0,
+         frame_to_frame_dy_um = 0;  ///< since the previous frame, measured on its own
+  bool has_drift = false;           ///< the frame-to-frame chain is unbroken since its last anchor
+  double drift_um = 0;              ///< |frame-to-frame chain - keyframe-anchored| at the pivot
+  StageTimes times;
+};
+
+}  // namespace holdfast::perception

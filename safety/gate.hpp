@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: Apache-2.0
+// The gate: the only place that can construct an approved pose. It refuses by default; an approved
+// pose exists only in the cycle in which every condition holds. decide() is a pure function of
+// (limits, inputs, state): no clock, no I/O, no heap, noexcept; safe to call on the real-time path.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+
+#include <Eigen/Geometry>
+
+#include "safety/limits.hpp"
+#include "safety/reason.hpp"
+
+namespace holdfast::safety {
+
+using Matrix6d = Eigen::Matrix<double, 6, 6>;
+
+/// init: starting, no input seen yet. unregistered: inputs arrive, no usable registration.
+/// ready: registered and verified against the keyframe, not armed. permitted: poses are approved.
+/// hold: withdrawn, may recover by itself. stop_latched: withdrawn until acknowledged.
+enum class Mode : std::uint8_t { init, unregistered, ready, permitted, hold, stop_latched };
+[[nodiscard]] std::string_view name(Mode mode) noexcept;
+
+/// What the camera side reported since the previous cycle.
+struct CameraInput {
+  bool is_connected = false;
+  bool has_frame = false;             ///< at least one frame has arrived since start
+  Timestamp t_last_frame_received{};  ///< of the newest complete frame
+  ReasonSet faults;                   ///< frame_* and camera_* seen since the previous cycle
+};
+
+/// What the tracker reported about the newest frame. Valid only when has_estimate.
+struct TrackingInput {
+  bool has_estimate = false;
+  bool is_new = false;  ///< the estimate arrived since the previous cycle
+  bool is_lost = true;
+  bool is_degraded = true;
+  Timestamp t_exposure{};  ///< mid-exposure of its frame
+  int inliers = 0;
+  double inlier_spread = 0;         ///< fraction of image cells holding an inlier, 0..1
+  double drift_mm = 0;              ///< frame-to-frame chain against the keyframe, at the target
+  bool contradicts_filter = false;  ///< innovation beyond the filter's gate
+};
+
+/// The motion filter's pose at Inputs::now.
+struct PredictedPose {
+  Eigen::Isometry3d T_camera_site = Eigen::Isometry3d::Identity();
+  Matrix6d covariance =
+      Matrix6d::Zero();       ///< tx,ty,tz,rx,ry,rz (mm, rad; camera axes, about the target)
+  double speed_mm_per_s = 0;  ///< of the target
+};
+
+struct RegistrationInput {
+  bool is_loaded = false;
+  std::uint64_t id = 0;  ///< from the registration's checksum
+  Eigen::Isometry3d T_site_ct = Eigen::Isometry3d::Identity();
+  Matrix6d covariance = Matrix6d::Zero();
+  Eigen::Vector3d p_target_site_mm = Eigen::Vector3d::Zero();  ///< where accuracy is judged
+  bool optics_match = true;  ///< zoom and focus are those of the registration
+};
+
+struct RobotInput {
+  bool has_status = false;
+  Timestamp t_last_status{};
+  bool has_fault = false;
+};
+
+/// Operator commands; they arrive as messages with end-to-end protection.
+enum class Command : std::uint8_t { none, arm, disarm, stop, acknowledge, confirm };
+struct OperatorInput {
+  Command command = Command::none;
+  std::uint32_t stop_id = 0;  ///< acknowledge and confirm must name the stop they end
+};
+
+struct LoopInput {
+  Duration wake_lateness{};      ///< of this cycle against its absolute deadline
+  Duration clock_divergence{};   ///< change of (UTC - monotonic) since the previous cycle
+  bool message_corrupt = false;  ///< an input message failed its end-to-end check since last cycle
+  bool second_publisher = false;
+  bool internal_fault = false;
+};
+
+struct Inputs {
+  Timestamp now{};
+  CameraInput camera;
+  TrackingInput tracking;
+  std::optional<PredictedPose> prediction;
+  RegistrationInput registration;
+  RobotInput robot;
+  OperatorInput operator_command;
+  LoopInput loop;
+  Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
+};
+
+struct GateState {
+  Mode mode = Mode::init;
+  Timestamp t_mode_entered{};
+  Timestamp t_last_cycle{};
+  bool has_cycle = false;
+  Reason stop_cause = Reason::none;  ///< why the latched stop was entered
+  std::uint32_t stop_id = 0;         ///< counts stops; names the one to acknowledge
+  Timestamp t_acknowledged{};        ///< first step of acknowledgement
+  bool is_acknowledged = false;
+  Timestamp t_hold_entered{};
+  Timestamp t_well_since{};           ///< no hold reason since
+  std::uint64_t registration_id = 0;  ///< the one that was verified
+  bool is_keyframe_verified = false;
+};
+
+/// A pose a robot may act on until t_pose + validity. Only Gate can make one.
+class ApprovedPose {
+ public:
+  [[nodiscard]] const Eigen::Isometry3d& T_robot_ct() const noexcept { return T_robot_ct_; }
+  /// tx,ty,tz,rx,ry,rz (mm, rad; robot axes, about the target).
+  [[nodiscard]] const Matrix6d& covariance() const noexcept { return covariance_; }
+  [[nodiscard]] Timestamp t_pose() const noexcept { return t_pose_; }
+  [[nodiscard]] Duration validity() const noexcept { return validity_; }
+  [[nodiscard]] std::uint64_t registration_id() const noexcept { return registration_id_; }
+
+ private:
+  friend class Gate;
+  ApprovedPose() noexcept = default;
+  Eigen::Isometry3d T_robot_ct_ = Eigen::Isometry3d::Identity();
+  Matrix6d covariance_ = Matrix6d::Zero();
+  Timestamp t_pose_{};
+  Duration validity_{};
+  std::uint64_t registration_id_ = 0;
+};
+
+struct Decision {
+  Mode mode = Mode::init;
+  Reason cause = Reason::initialising;  ///< primary reason why not permitted; none when permitted
+  ReasonSet reasons;                    ///< everything that holds in this cycle
+  bool changed = false;                 ///< mode or cause differ from the previous cycle
+  std::uint32_t stop_id = 0;
+  std::optional<ApprovedPose> approved;  ///< only in Mode::permitted
+};
+
+class Gate {
+ public:
+  /// One cycle. Updates `state` in place and returns the decision. noexcept, allocation-free.
+  /// Any internal contradiction ends in stop_latched with Reason::internal_fault.
+  [[nodiscard]] static Decision decide(const Limits& limits, const Inputs& inputs,
+                                       GateState& state) noexcept;
+};
+
+}  // namespace holdfast::safety
