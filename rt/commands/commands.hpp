@@ -1,0 +1,8 @@
+// SPDX-License-Identifier: Apache-2.0
+// The subcommands of `holdfast`, one source file each. Each function adds its subcommand, with
+// options, help and callback, to the program.
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+namespace holdfast::rt {}  // namespace holdfast::rt

@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast`: one command line for everything but the daemon.
+#include <CLI/CLI.hpp>
+
+#include "bridge/command_line.hpp"
+#include "rt/commands/commands.hpp"
+
+int main(int argc, char** argv) {
+  CLI::App app{"Holdfast: keeps a microscope-mounted laser robot registered to the patient's ear.",
+               "holdfast"};
+  app.set_version_flag("--version", HOLDFAST_VERSION);
+  app.require_subcommand(1);
+  return holdfast::bridge::run_command_line(app, argc, argv);
+}

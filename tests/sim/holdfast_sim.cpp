@@ -1,0 +1,14 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast-sim`: the virtual operating room. What it simulates speaks the real protocols; its
+// truth stays inside it.
+#include <CLI/CLI.hpp>
+
+#include "bridge/command_line.hpp"
+#include "tests/sim/commands.hpp"
+
+int main(int argc, char** argv) {
+  CLI::App app{"Holdfast's virtual operating room: cameras, robot, operator.", "holdfast-sim"};
+  app.set_version_flag("--version", HOLDFAST_VERSION);
+  app.require_subcommand(1);
+  return holdfast::bridge::run_command_line(app, argc, argv);
+}
