@@ -38,8 +38,8 @@ struct Protection {
 enum class Verdict : std::uint8_t {
   accepted,
   bad_version,
-  bad_data_id,
-  bad_source,  ///< zero, or a second source while the first is alive
+  bad_data_id,  ///< a message of another topic
+  bad_source,   ///< zero, or a second source while the first is alive
   bad_crc,
   repeated,      ///< counter not advanced
   skipped,       ///< counter advanced by more than max_counter_step
@@ -72,8 +72,10 @@ class Receiver {
       : data_id_(data_id), parameters_(parameters) {}
 
   /// Checks one message. `computed_crc` is over the received bytes. On anything but `accepted` the
-  /// message must not be used. A skipped counter resynchronises (the message after it can be
-  /// accepted), every other refusal leaves the memory as it was.
+  /// message must not be used. A skipped counter on an otherwise good message resynchronises (the
+  /// message after it can be accepted), every other refusal leaves the memory as it was. Of several
+  /// faults the verdict names the first in this order: version, CRC, data id, source, repetition,
+  /// expiry, future, reversal, skip. Exactly at a limit is accepted. noexcept, allocation-free.
   [[nodiscard]] Verdict check(const Protection& protection, std::uint32_t computed_crc,
                               std::chrono::nanoseconds now_monotonic,
                               std::chrono::nanoseconds now_utc) noexcept;
@@ -90,7 +92,7 @@ class Receiver {
   std::uint32_t source_ = 0;
   std::uint32_t counter_ = 0;
   std::chrono::nanoseconds t_last_sent_{};
-  std::chrono::nanoseconds t_last_accepted_{};
+  std::chrono::nanoseconds t_last_heard_{};  ///< reception of the last accepted or skipped one
   std::chrono::nanoseconds valid_until_{};
 };
 
