@@ -31,7 +31,8 @@ struct CameraInput {
   ReasonSet faults;                   ///< frame_* and camera_* seen since the previous cycle
 };
 
-/// What the tracker reported about the newest frame. Valid only when has_estimate.
+/// What the tracker reported about the newest frame. Valid only when has_estimate; when is_lost, no
+/// number in it is read.
 struct TrackingInput {
   bool has_estimate = false;
   bool is_new = false;  ///< the estimate arrived since the previous cycle
@@ -39,12 +40,14 @@ struct TrackingInput {
   bool is_degraded = true;
   Timestamp t_exposure{};  ///< mid-exposure of its frame
   int inliers = 0;
-  double inlier_spread = 0;         ///< fraction of image cells holding an inlier, 0..1
-  double drift_mm = 0;              ///< frame-to-frame chain against the keyframe, at the target
+  double inlier_spread = 0;  ///< fraction of image cells holding an inlier, 0..1
+  bool has_drift = false;    ///< drift_mm was measured; without it the evidence is weak
+  double drift_mm = 0;       ///< frame-to-frame chain against the keyframe, at the target; >= 0
   bool contradicts_filter = false;  ///< innovation beyond the filter's gate
 };
 
-/// The motion filter's pose at Inputs::now.
+/// The motion filter's pose at Inputs::now. A covariance that was not filled in (a zero on the
+/// diagonal) is an invalid number, here and in the registration: nothing is known exactly.
 struct PredictedPose {
   Eigen::Isometry3d T_camera_site = Eigen::Isometry3d::Identity();
   Matrix6d covariance =
@@ -56,6 +59,8 @@ struct RegistrationInput {
   bool is_loaded = false;
   std::uint64_t id = 0;  ///< from the registration's checksum
   Eigen::Isometry3d T_site_ct = Eigen::Isometry3d::Identity();
+  /// tx,ty,tz,rx,ry,rz (mm, rad; site axes): p_site = Exp(r)·R·p_ct + t + dt, as in
+  /// registration.json; that is, about the image of the ct origin.
   Matrix6d covariance = Matrix6d::Zero();
   Eigen::Vector3d p_target_site_mm = Eigen::Vector3d::Zero();  ///< where accuracy is judged
   bool optics_match = true;  ///< zoom and focus are those of the registration
@@ -94,8 +99,10 @@ struct Inputs {
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
 };
 
+/// What the gate remembers between cycles. Read it freely; only decide() changes it.
 struct GateState {
   Mode mode = Mode::init;
+  Reason cause = Reason::initialising;  ///< of the previous cycle's decision
   Timestamp t_mode_entered{};
   Timestamp t_last_cycle{};
   bool has_cycle = false;
@@ -104,9 +111,14 @@ struct GateState {
   Timestamp t_acknowledged{};        ///< first step of acknowledgement
   bool is_acknowledged = false;
   Timestamp t_hold_entered{};
-  Timestamp t_well_since{};           ///< no hold reason since
-  std::uint64_t registration_id = 0;  ///< the one that was verified
-  bool is_keyframe_verified = false;
+  Reason hold_cause = Reason::none;     ///< the newest hold reason of this hold
+  Timestamp t_well_since{};             ///< no hold reason since
+  bool is_awaiting_good_frame = false;  ///< a camera fault came, no good frame after it yet
+  Timestamp t_frame_at_fault{};         ///< newest frame's reception when that fault came
+  std::uint64_t registration_id = 0;    ///< the one that is loaded
+  bool has_registration = false;        ///< one is loaded
+  Timestamp t_registration_seen{};      ///< since when it is loaded
+  bool is_keyframe_verified = false;    ///< ... and matched to the live image
 };
 
 /// A pose a robot may act on until t_pose + validity. Only Gate can make one.

@@ -60,6 +60,7 @@ enum class Reason : std::uint8_t {
   unsecured_transport = 57  ///< DDS Security is off
 };
 
+/// By range of codes; stop for a code that no range holds, so that an unknown one is not ignored.
 [[nodiscard]] Severity severity(Reason reason) noexcept;
 /// The reason's name as spelled above; "unknown" for a code that is not listed.
 [[nodiscard]] std::string_view name(Reason reason) noexcept;
@@ -68,7 +69,8 @@ enum class Reason : std::uint8_t {
 class ReasonSet {
  public:
   constexpr ReasonSet() noexcept = default;
-  constexpr explicit ReasonSet(std::uint64_t bits) noexcept : bits_(bits) {}
+  /// Bit 0 stands for no reason and is dropped.
+  constexpr explicit ReasonSet(std::uint64_t bits) noexcept : bits_(bits & ~std::uint64_t{1}) {}
   constexpr void insert(Reason reason) noexcept { bits_ |= bit(reason); }
   constexpr void insert(ReasonSet other) noexcept { bits_ |= other.bits_; }
   constexpr void erase(Reason reason) noexcept { bits_ &= ~bit(reason); }
@@ -85,7 +87,8 @@ class ReasonSet {
 
  private:
   static constexpr std::uint64_t bit(Reason reason) noexcept {
-    return reason == Reason::none ? 0 : std::uint64_t{1} << static_cast<unsigned>(reason);
+    const auto code = static_cast<unsigned>(reason);
+    return code == 0 || code > 63 ? 0 : std::uint64_t{1} << code;
   }
   std::uint64_t bits_ = 0;
 };
