@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "safety/composition.hpp"
+
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Eigenvalues>
+
+namespace holdfast::safety {
+namespace {
+
+Eigen::Matrix3d skew(const Eigen::Vector3d& a) noexcept {
+  Eigen::Matrix3d matrix;
+  matrix << 0, -a.z(), a.y(), a.z(), 0, -a.x(), -a.y(), a.x(), 0;
+  return matrix;
+}
+
+}  // namespace
+
+Matrix6d rotated(const Eigen::Matrix3d& R_a_b, const Matrix6d& covariance) noexcept {
+  Matrix6d rotation = Matrix6d::Zero();
+  rotation.topLeftCorner<3, 3>() = R_a_b;
+  rotation.bottomRightCorner<3, 3>() = R_a_b;
+  return rotation * covariance * rotation.transpose();
+}
+
+Matrix6d covariance_at_target(const PredictedPose& prediction,
+                              const RegistrationInput& registration) noexcept {
+  const Eigen::Vector3d arm = registration.p_target_site_mm - registration.T_site_ct.translation();
+  Matrix6d transport = Matrix6d::Identity();
+  transport.topRightCorner<3, 3>() = -skew(arm);
+  const Matrix6d site = transport * registration.covariance * transport.transpose();
+  const Matrix6d sum = prediction.covariance + rotated(prediction.T_camera_site.linear(), site);
+  return 0.5 * (sum + sum.transpose());  // exactly symmetric
+}
+
+double sigma_max_mm(const Matrix6d& covariance) noexcept {
+  const Eigen::Matrix3d position = covariance.topLeftCorner<3, 3>();
+  if (!position.allFinite()) return std::numeric_limits<double>::infinity();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(position, Eigen::EigenvaluesOnly);
+  return std::sqrt(solver.eigenvalues().z());  // ascending; NaN if negative, which refuses
+}
+
+double displacement_mm(const Eigen::Isometry3d& T_camera_site,
+                       const Eigen::Vector3d& p_target_site_mm) noexcept {
+  const Eigen::Vector3d p_target_camera_mm = T_camera_site * p_target_site_mm;
+  return (p_target_camera_mm - p_target_site_mm).norm();
+}
+
+double angle_rad(const Eigen::Matrix3d& R) noexcept {
+  // sin from the skew part, cos from the trace: exact for small angles, unlike acos alone.
+  const Eigen::Vector3d axis(R(2, 1) - R(1, 2), R(0, 2) - R(2, 0), R(1, 0) - R(0, 1));
+  return std::atan2(axis.norm(), R.trace() - 1);
+}
+
+}  // namespace holdfast::safety
