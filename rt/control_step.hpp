@@ -28,6 +28,7 @@ struct FrameArrival {
   safety::Timestamp t_exposure{};
   safety::ReasonSet faults;  ///< frame_* and camera_*; a camera_disconnected event has no frame
   bool is_connected = true;
+  bool is_frame = true;  ///< a complete frame; false: only an event (gap, incomplete, disconnected)
 };
 
 struct StampedEstimate {
