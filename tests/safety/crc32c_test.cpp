@@ -44,6 +44,7 @@ TEST(Crc32c, MatchesRfc3720ForDecrementingBytes) {
 }
 
 TEST(Crc32c, MatchesRfc3720ForIscsiReadCommand) {
+  RecordProperty("requirement", "SR-40");
   const std::array<std::uint8_t, 48> command = {
       0x01, 0xc0, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
       0x00, 0x00, 0x00, 0x00, 0x14, 0x00, 0x00, 0x00, 0x00, 0x00, 0x04, 0x00,
@@ -71,6 +72,7 @@ TEST(Crc32c, OverPiecesEqualsOverTheWhole) {
 }
 
 TEST(Crc32c, ChangesWithEverySingleBit) {
+  RecordProperty("requirement", "SR-40");
   Block block{};
   std::iota(block.begin(), block.end(), std::uint8_t{7});
   const std::uint32_t good = crc32c(bytes_of(block));

@@ -44,11 +44,13 @@ class ReceiverTest : public ::testing::Test {
 };
 
 TEST_F(ReceiverTest, HoldsNothingValidBeforeTheFirstAcceptance) {
+  RecordProperty("requirement", "SR-47");
   EXPECT_EQ(receiver.valid_until(), nanoseconds::zero());
   EXPECT_EQ(receiver.source(), 0U);
 }
 
 TEST_F(ReceiverTest, HoldsNothingValidAfterRefusalsOnly) {
+  RecordProperty("requirement", "SR-40,SR-47");
   Protection corrupt = message(1, kStart);
   corrupt.crc32c ^= 1U;
   EXPECT_EQ(receive(corrupt), Verdict::bad_crc);
@@ -64,27 +66,32 @@ TEST_F(ReceiverTest, AcceptsConsecutiveMessages) {
 }
 
 TEST_F(ReceiverTest, AcceptsCounterWrap) {
+  RecordProperty("requirement", "SR-41");
   EXPECT_EQ(receive(message(0xFFFF'FFFF, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(0, kStart + milliseconds(1))), Verdict::accepted);
 }
 
 TEST_F(ReceiverTest, RefusesOtherVersion) {
+  RecordProperty("requirement", "SR-45");
   Protection other = message(1, kStart);
   other.version = kProtectionVersion + 1;
   EXPECT_EQ(receive(other), Verdict::bad_version);
 }
 
 TEST_F(ReceiverTest, RefusesOtherDataId) {
+  RecordProperty("requirement", "SR-45");
   Protection other = message(1, kStart);
   other.data_id = DataId::motion_stop;
   EXPECT_EQ(receive(other), Verdict::bad_data_id);
 }
 
 TEST_F(ReceiverTest, RefusesSourceZero) {
+  RecordProperty("requirement", "SR-45");
   EXPECT_EQ(receive(message(1, kStart, 0)), Verdict::bad_source);
 }
 
 TEST_F(ReceiverTest, BelievesNoFieldOfACorruptMessage) {
+  RecordProperty("requirement", "SR-40");
   Protection corrupt = message(1, kStart, 0);
   corrupt.data_id = DataId::motion_stop;
   corrupt.crc32c ^= 0x8000'0000U;
@@ -92,28 +99,33 @@ TEST_F(ReceiverTest, BelievesNoFieldOfACorruptMessage) {
 }
 
 TEST_F(ReceiverTest, RefusesRepetition) {
+  RecordProperty("requirement", "SR-41");
   ASSERT_EQ(receive(message(5, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(5, kStart), kStart + milliseconds(1)), Verdict::repeated);
 }
 
 TEST_F(ReceiverTest, RefusesRepetitionWithAFreshStamp) {
+  RecordProperty("requirement", "SR-41");
   ASSERT_EQ(receive(message(5, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(5, kStart + milliseconds(1))), Verdict::repeated);
 }
 
 TEST_F(ReceiverTest, RefusesCounterStepBack) {
+  RecordProperty("requirement", "SR-41");
   ASSERT_EQ(receive(message(5, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(4, kStart + milliseconds(1))), Verdict::repeated);
   EXPECT_EQ(receive(message(5 + 0x8000'0000U, kStart + milliseconds(1))), Verdict::repeated);
 }
 
 TEST_F(ReceiverTest, RefusesSkipOnceAndThenGoesOn) {
+  RecordProperty("requirement", "SR-42");
   ASSERT_EQ(receive(message(5, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(7, kStart + milliseconds(2))), Verdict::skipped);
   EXPECT_EQ(receive(message(8, kStart + milliseconds(3))), Verdict::accepted);
 }
 
 TEST_F(ReceiverTest, SkippedMessageDoesNotProlongValidity) {
+  RecordProperty("requirement", "SR-42,SR-47");
   ASSERT_EQ(receive(message(5, kStart)), Verdict::accepted);
   const nanoseconds before = receiver.valid_until();
   ASSERT_EQ(receive(message(7, kStart + milliseconds(2))), Verdict::skipped);
@@ -121,6 +133,7 @@ TEST_F(ReceiverTest, SkippedMessageDoesNotProlongValidity) {
 }
 
 TEST_F(ReceiverTest, ToleratesConfiguredLossAndNoMore) {
+  RecordProperty("requirement", "SR-42");
   receiver = Receiver(DataId::compensated_pose, {.max_counter_step = 3});
   ASSERT_EQ(receive(message(5, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(8, kStart + milliseconds(1))), Verdict::accepted);
@@ -134,17 +147,20 @@ TEST_F(ReceiverTest, AcceptsAgeEqualToValidityWithNothingLeft) {
 }
 
 TEST_F(ReceiverTest, RefusesAgeJustBeyondValidity) {
+  RecordProperty("requirement", "SR-43");
   EXPECT_EQ(receive(message(1, kStart), kStart + milliseconds(15) + nanoseconds(1)),
             Verdict::expired);
 }
 
 TEST_F(ReceiverTest, CutsValidityByAgeAtReception) {
+  RecordProperty("requirement", "SR-47");
   const nanoseconds now = kStart + milliseconds(4);
   ASSERT_EQ(receive(message(1, kStart), now), Verdict::accepted);
   EXPECT_EQ(receiver.valid_until(), now + milliseconds(11));
 }
 
 TEST_F(ReceiverTest, CutsLongClaimToMaxValidity) {
+  RecordProperty("requirement", "SR-47");
   Protection long_lived = message(1, kStart);
   long_lived.validity_us = std::numeric_limits<std::uint32_t>::max();
   ASSERT_EQ(receive(long_lived, kStart + milliseconds(5)), Verdict::accepted);
@@ -152,6 +168,7 @@ TEST_F(ReceiverTest, CutsLongClaimToMaxValidity) {
 }
 
 TEST_F(ReceiverTest, RefusesLongClaimOlderThanMaxValidity) {
+  RecordProperty("requirement", "SR-43");
   Protection long_lived = message(1, kStart);
   long_lived.validity_us = std::numeric_limits<std::uint32_t>::max();
   EXPECT_EQ(receive(long_lived, kStart + milliseconds(20) + nanoseconds(1)), Verdict::expired);
@@ -166,12 +183,14 @@ TEST_F(ReceiverTest, AcceptsZeroValidityOnlyAtItsInstant) {
 }
 
 TEST_F(ReceiverTest, AcceptsStampAheadByTheToleranceWithoutLongerValidity) {
+  RecordProperty("requirement", "SR-47");
   const nanoseconds now = kStart - milliseconds(1);
   EXPECT_EQ(receive(message(1, kStart), now), Verdict::accepted);
   EXPECT_EQ(receiver.valid_until(), now + milliseconds(15));
 }
 
 TEST_F(ReceiverTest, RefusesStampBeyondTheTolerance) {
+  RecordProperty("requirement", "SR-44");
   EXPECT_EQ(receive(message(1, kStart), kStart - milliseconds(1) - nanoseconds(1)),
             Verdict::from_future);
 }
@@ -186,6 +205,7 @@ TEST_F(ReceiverTest, RefusesExtremeStampsWithoutOverflow) {
 }
 
 TEST_F(ReceiverTest, RefusesTimeReversal) {
+  RecordProperty("requirement", "SR-44");
   ASSERT_EQ(receive(message(1, kStart)), Verdict::accepted);
   EXPECT_EQ(receive(message(2, kStart - nanoseconds(1)), kStart + milliseconds(1)),
             Verdict::time_reversed);
@@ -215,6 +235,7 @@ TEST_F(ReceiverTest, ExpiredMessageWithASkippedCounterDoesNotResynchronise) {
 }
 
 TEST_F(ReceiverTest, RefusesSecondSourceWhileTheFirstIsAlive) {
+  RecordProperty("requirement", "SR-46");
   ASSERT_EQ(receive(message(1, kStart, 7)), Verdict::accepted);
   const nanoseconds later = kStart + milliseconds(100) - nanoseconds(1);
   EXPECT_EQ(receive(message(1, later, 8)), Verdict::bad_source);
@@ -222,6 +243,7 @@ TEST_F(ReceiverTest, RefusesSecondSourceWhileTheFirstIsAlive) {
 }
 
 TEST_F(ReceiverTest, AcceptsSecondSourceAfterTheTimeout) {
+  RecordProperty("requirement", "SR-46");
   ASSERT_EQ(receive(message(900, kStart, 7)), Verdict::accepted);
   EXPECT_EQ(receive(message(3, kStart + milliseconds(100), 8)), Verdict::accepted);
   EXPECT_EQ(receiver.source(), 8U);
@@ -229,6 +251,7 @@ TEST_F(ReceiverTest, AcceptsSecondSourceAfterTheTimeout) {
 }
 
 TEST_F(ReceiverTest, ASkippingSourceIsAlive) {
+  RecordProperty("requirement", "SR-46");
   ASSERT_EQ(receive(message(1, kStart, 7)), Verdict::accepted);
   ASSERT_EQ(receive(message(9, kStart + milliseconds(60), 7)), Verdict::skipped);
   EXPECT_EQ(receive(message(1, kStart + milliseconds(120), 8)), Verdict::bad_source);
@@ -266,17 +289,20 @@ TEST_F(UtcReceiverTest, TakesAgeFromUtcAndValidityOnOwnMonotonic) {
 }
 
 TEST_F(UtcReceiverTest, RefusesExpiryOnUtc) {
+  RecordProperty("requirement", "SR-43");
   EXPECT_EQ(receive(remote(1, kStart), kStart + milliseconds(15)), Verdict::accepted);
   EXPECT_EQ(receive(remote(2, kStart), kStart + milliseconds(15) + nanoseconds(1)),
             Verdict::expired);
 }
 
 TEST_F(UtcReceiverTest, RefusesFutureOnUtc) {
+  RecordProperty("requirement", "SR-44");
   EXPECT_EQ(receive(remote(1, kStart), kStart - milliseconds(1) - nanoseconds(1)),
             Verdict::from_future);
 }
 
 TEST_F(UtcReceiverTest, RefusesReversalOfUtc) {
+  RecordProperty("requirement", "SR-44");
   ASSERT_EQ(receive(remote(1, kStart), kStart), Verdict::accepted);
   EXPECT_EQ(receive(remote(2, kStart - nanoseconds(1)), kStart), Verdict::time_reversed);
 }
