@@ -28,7 +28,8 @@ enum class TrackingReason : std::uint8_t {
   inliers_bunched,      ///< inliers cover too little of the image
   inconsistent_motion,  ///< no rigid motion explains the matches well enough
   implausible_motion,   ///< scale or rotation outside what the optics allow
-  drift_disagreement    ///< keyframe-anchored and frame-to-frame motion disagree
+  drift_disagreement,   ///< keyframe-anchored and frame-to-frame motion disagree
+  invalid_geometry      ///< set_keyframe only: the site's depth is unusable
 };
 [[nodiscard]] std::string_view name(TrackingReason reason) noexcept;
 
@@ -55,12 +56,16 @@ struct MotionEstimate {
   int features = 0;
   int matches = 0;
   int inliers = 0;
-  double inlier_spread = 0;        ///< fraction of image cells (8x8) that hold an inlier, 0..1
-  double reprojection_rms_px = 0;  ///< of the inliers
+  double inlier_spread = 0;         ///< fraction of image cells (8x8) that hold an inlier, 0..1
+  double reprojection_rms_px = 0;   ///< of the inliers
+  bool has_frame_to_frame = false;  ///< the next two are measured
   double frame_to_frame_dx_um = 0,
-         frame_to_frame_dy_um = 0;  ///< since the previous frame, measured on its own
+         frame_to_frame_dy_um = 0;  ///< of the pivot since the previous frame, measured on its own
   bool has_drift = false;           ///< the frame-to-frame chain is unbroken since its last anchor
-  double drift_um = 0;              ///< |frame-to-frame chain - keyframe-anchored| at the pivot
+  /// |frame-to-frame chain - keyframe-anchored| at the pivot, in the image plane. The chain is
+  /// anchored anew after a break, every HealthParameters::chain_length_max frames while both agree,
+  /// and after a disagreement that a search without prediction has decided.
+  double drift_um = 0;
   StageTimes times;
 };
 

@@ -32,6 +32,8 @@ class Tracker {
  public:
   /// One thread at a time. Uses the calling thread only (OpenCV's thread pool is left as the caller
   /// set it).
+  /// Throws std::invalid_argument, in one line, for what invalid_camera() or invalid_parameter()
+  /// would name.
   Tracker(const CameraModel& camera, const TrackerParameters& parameters);
   ~Tracker();
   Tracker(Tracker&&) noexcept;
@@ -40,12 +42,14 @@ class Tracker {
   Tracker& operator=(const Tracker&) = delete;
 
   /// Takes `image` (CV_8UC1 or BGR CV_8UC3) as the keyframe, with what is known of the site's
-  /// geometry and an optional mask (CV_8UC1, 0 = ignore). Returns TrackingReason::none, or why the
+  /// geometry and an optional mask (CV_8UC1, 0 = no feature of the keyframe is taken here; what a
+  /// later frame shows there matches nothing). Returns TrackingReason::none, or why the
   /// image cannot serve; then the former keyframe, if any, stays.
   [[nodiscard]] TrackingReason set_keyframe(const cv::Mat& image, const SiteGeometry& geometry,
                                             const cv::Mat& mask = {});
 
-  /// Estimates the motion of the site from the keyframe to `image`.
+  /// Estimates the motion of the site from the keyframe to `image`. Frames are taken as
+  /// consecutive. Allocates; not for the real-time thread.
   [[nodiscard]] MotionEstimate track(const cv::Mat& image, std::chrono::nanoseconds t_exposure);
 
  private:

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// Every setting of the tracker, with its default and its reason. Pixels are those of the full-size
+// image unless a name says otherwise.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+
+namespace holdfast::perception {
+
+struct ReflectionMaskParameters {
+  bool is_enabled = true;
+  double tau_intensity = 0.8;        ///< tau_1 of paper B, Eq. 2; of the image's maximum
+  double tau_saturation = 0.2;       ///< tau_2 of paper B, Eq. 2; of full saturation
+  double tau_intensity_grey = 0.94;  ///< grey frames: brightness alone decides, so nearer the top
+  int intensity_min = 180;  ///< darker than this is never a glint: a dim frame keeps its texture
+  int dilation_px = 4;      ///< grown by this: a glint's rim is as fixed to the light as its core
+};
+
+struct FeatureParameters {
+  int count = 1200;           ///< features kept per frame, spread over a grid
+  bool is_full_size = false;  ///< detect on the full image (slower) instead of at half size;
+                              ///< images below 0.6 megapixels always are
+  int fast_threshold = 8;     ///< grey levels; halved once for a frame that starves
+  int levels = 3;             ///< pyramid levels
+  double level_scale = 1.3;   ///< between two levels
+  int cell_px = 64;           ///< side of a cell of the spreading grid
+};
+
+struct MatchParameters {
+  int distance_max = 64;         ///< of 256 bits
+  double ratio_max = 0.85;       ///< best distance below this share of the second best
+  double search_radius_px = 64;  ///< around the predicted place, when there is a prediction
+};
+
+struct ModelParameters {
+  std::uint32_t seed = 1;          ///< of the random samples: same input, same result
+  int iterations = 300;            ///< samples at most; fewer when the inlier share allows
+  double coarse_threshold_px = 4;  ///< feature positions are good to about one half-size pixel
+  double parallax_px = 40;  ///< SiteDepth: what relief may add to the first, planar consensus
+  double fine_threshold_px = 1.0;  ///< an inlier, after sub-pixel alignment
+  double zncc_min = 0.8;           ///< of an aligned patch with its template
+  int points_max = 400;            ///< patches aligned per frame
+};
+
+struct UncertaintyParameters {
+  double noise_floor_px = 0.02;  ///< no feature is trusted beyond this
+  double shared_error_px =
+      0.02;  ///< common to all features of one image cell (interpolation, light)
+  double tilt_sigma_rad = 0.005;  ///< SitePlane: rx, ry are not estimated; this is their sigma
+  double relief_sigma_mm = 1.0;   ///< SitePlane: how far the site departs from the plane
+  double depth_sigma_mm = 0.1;    ///< SiteDepth: of the depth map, smooth part
+};
+
+struct HealthParameters {
+  int features_min = 60;            ///< below: lost
+  int inliers_min = 20;             ///< below: lost
+  int inliers_good = 40;            ///< below: degraded
+  double inlier_share_min = 0.25;   ///< of the matches; below: lost
+  double inlier_share_good = 0.45;  ///< below: degraded
+  double spread_min = 0.06;         ///< of the 8x8 cells; below: lost
+  double spread_good = 0.15;        ///< below: degraded
+  double rival_share_min = 0.25;    ///< a second motion with this share of the inliers: degraded
+  double rival_share_lost = 0.5;    ///< and with this share: lost
+  double rms_good_px = 0.6;         ///< of the inliers after alignment; above: degraded
+  double scale_change_max = 0.3;    ///< |scale - 1| beyond this is not the site's motion
+  double rotation_max_rad = 0.7;    ///< any axis
+  double drift_good_um = 100;       ///< above: degraded, and the keyframe is searched anew
+  int chain_length_max = 300;       ///< frames after which a chain that agrees is anchored again
+};
+
+struct TrackerParameters {
+  ReflectionMaskParameters mask;
+  FeatureParameters features;
+  MatchParameters match;
+  ModelParameters model;
+  UncertaintyParameters uncertainty;
+  HealthParameters health;
+};
+
+/// The first parameter out of its range, in one line with value, limit and unit; empty when all are
+/// usable. NaN is out of every range.
+[[nodiscard]] std::optional<std::string> invalid_parameter(const TrackerParameters& parameters);
+
+}  // namespace holdfast::perception
