@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "safety/composition.hpp"
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include "safety/numbers.hpp"
+#include "tests/safety/good_inputs.hpp"
+
+namespace holdfast::safety {
+namespace {
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+
+Eigen::Isometry3d pose(double angle_rad_, const Eigen::Vector3d& axis, const Eigen::Vector3d& t) {
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.linear() = Eigen::AngleAxisd(angle_rad_, axis.normalized()).toRotationMatrix();
+  T.translation() = t;
+  return T;
+}
+
+/// A full covariance with correlations.
+Matrix6d covariance(unsigned seed, double sigma_mm, double sigma_rad) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal;
+  Matrix6d root;
+  for (double& element : root.reshaped()) element = normal(random) / 3;
+  Vector6d scale;
+  scale << Eigen::Vector3d::Constant(sigma_mm), Eigen::Vector3d::Constant(sigma_rad);
+  return scale.asDiagonal() * (root * root.transpose()) * scale.asDiagonal();
+}
+
+Eigen::Matrix3d exponential(const Eigen::Vector3d& r) {
+  const double angle = r.norm();
+  if (angle == 0) return Eigen::Matrix3d::Identity();
+  return Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
+}
+
+class CompositionTest : public ::testing::Test, public test::GateDriver {
+ protected:
+  CompositionTest() {
+    inputs.T_robot_camera = pose(1.1, {1, 2, -1}, {300, -50, 20});
+    inputs.prediction->T_camera_site = pose(0.2, {0.3, -1, 0.5}, {3, -2, 1});
+    inputs.prediction->covariance = covariance(1, 0.03, 2e-4);
+    inputs.registration.T_site_ct = pose(2.0, {-1, 0.2, 0.4}, {10, -20, 180});
+    inputs.registration.covariance = covariance(2, 0.03, 3e-4);
+  }
+  Inputs inputs = test::good_inputs({});
+};
+
+/// The same covariance by drawing errors as the two definitions state them and composing poses.
+TEST_F(CompositionTest, CovarianceAgreesWithSampledErrors) {
+  RecordProperty("requirement", "SR-12,SR-31");
+  const PredictedPose& prediction = *inputs.prediction;
+  const RegistrationInput& registration = inputs.registration;
+  const Eigen::Matrix3d R_rc = inputs.T_robot_camera.linear();
+  const Eigen::Vector3d p_target_ct =
+      registration.T_site_ct.inverse() * registration.p_target_site_mm;
+  const Eigen::Isometry3d T_robot_ct =
+      inputs.T_robot_camera * prediction.T_camera_site * registration.T_site_ct;
+  const Eigen::Vector3d p_target_camera = prediction.T_camera_site * registration.p_target_site_mm;
+
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  const Matrix6d root_prediction = prediction.covariance.llt().matrixL();
+  const Matrix6d root_registration = registration.covariance.llt().matrixL();
+  const auto draw = [&](const Matrix6d& root) {
+    Vector6d unit;
+    for (double& element : unit) element = normal(random);
+    return Vector6d(root * unit);
+  };
+  constexpr int kSamples = 100'000;
+  Matrix6d sum = Matrix6d::Zero();
+  for (int i = 0; i < kSamples; ++i) {
+    const Vector6d e_registration = draw(root_registration);
+    Eigen::Isometry3d T_site_ct = registration.T_site_ct;
+    T_site_ct.linear() = exponential(e_registration.tail<3>()) * T_site_ct.linear();
+    T_site_ct.translation() += e_registration.head<3>();
+    const Vector6d e_prediction = draw(root_prediction);
+    Eigen::Isometry3d T_error = Eigen::Isometry3d::Identity();  // turns about the target
+    T_error.linear() = exponential(e_prediction.tail<3>());
+    T_error.translation() =
+        p_target_camera + e_prediction.head<3>() - T_error.linear() * p_target_camera;
+    const Eigen::Isometry3d T_sample =
+        inputs.T_robot_camera * T_error * prediction.T_camera_site * T_site_ct;
+    const Eigen::AngleAxisd turn(T_sample.linear() * T_robot_ct.linear().transpose());
+    Vector6d error;
+    error << T_sample * p_target_ct - T_robot_ct * p_target_ct, turn.angle() * turn.axis();
+    sum += error * error.transpose();
+  }
+  const Matrix6d sampled = sum / kSamples;
+  const Matrix6d computed = rotated(R_rc, covariance_at_target(prediction, registration));
+  const Vector6d scale = computed.diagonal().cwiseSqrt();
+  const Matrix6d difference =
+      scale.cwiseInverse().asDiagonal() * (sampled - computed) * scale.cwiseInverse().asDiagonal();
+  EXPECT_LT(difference.cwiseAbs().maxCoeff(), 0.03);  // 1/sqrt(100000) = 0.003, ten times that
+}
+
+TEST_F(CompositionTest, ApprovedPoseIsTheProductWithItsCovariance) {
+  RecordProperty("requirement", "SR-31");
+  const Inputs wanted = inputs;
+  limits.displacement_max_mm = 100;  // a large turn about the camera
+  ASSERT_EQ(to_permitted().mode, Mode::permitted);
+  const Decision decision = step([&](Inputs& in) {
+    in.T_robot_camera = wanted.T_robot_camera;
+    in.prediction = wanted.prediction;
+    in.registration = wanted.registration;
+  });
+  ASSERT_TRUE(decision.approved) << name(decision.cause);
+  const Eigen::Isometry3d T_expected =
+      wanted.T_robot_camera * wanted.prediction->T_camera_site * wanted.registration.T_site_ct;
+  EXPECT_TRUE(decision.approved->T_robot_ct().isApprox(T_expected, 1e-12));
+  const Matrix6d expected = rotated(wanted.T_robot_camera.linear(),
+                                    covariance_at_target(*wanted.prediction, wanted.registration));
+  EXPECT_TRUE(decision.approved->covariance().isApprox(expected, 1e-12));
+}
+
+TEST_F(CompositionTest, RegistrationTurnsAboutTheImageOfTheCtOrigin) {
+  RecordProperty("requirement", "SR-31");
+  inputs.registration.covariance = Vector6d::Constant(1e-12).asDiagonal();
+  inputs.registration.covariance(5, 5) = 1e-6;  // 1 mrad about z
+  inputs.registration.p_target_site_mm =
+      inputs.registration.T_site_ct.translation() + Eigen::Vector3d(100, 0, 0);
+  inputs.prediction->T_camera_site.setIdentity();
+  inputs.prediction->covariance = Vector6d::Constant(1e-12).asDiagonal();
+  const Matrix6d result = covariance_at_target(*inputs.prediction, inputs.registration);
+  EXPECT_NEAR(std::sqrt(result(1, 1)), 0.1, 1e-6);  // 100 mm · 1 mrad, along y
+  EXPECT_LT(result(0, 0), 1e-10);
+  EXPECT_GT(result(1, 5), 0);
+}
+
+TEST(SigmaMax, IsAlongTheLargestAxisWhateverItsDirection) {
+  RecordProperty("requirement", "SR-12");
+  Matrix6d along_axes = Matrix6d::Identity();
+  along_axes.diagonal().head<3>() << 0.01, 0.09, 0.04;
+  EXPECT_NEAR(sigma_max_mm(along_axes), 0.3, 1e-12);
+  const Eigen::Matrix3d R = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 1, 1).normalized()).matrix();
+  EXPECT_NEAR(sigma_max_mm(rotated(R, along_axes)), 0.3, 1e-12);
+}
+
+TEST(SigmaMax, OfNoNumberIsInfinite) {
+  Matrix6d bad = Matrix6d::Identity();
+  bad(1, 2) = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_EQ(sigma_max_mm(bad), std::numeric_limits<double>::infinity());
+}
+
+TEST(SigmaMax, OfANegativeVarianceRefuses) {
+  EXPECT_TRUE(exceeds(sigma_max_mm(-Matrix6d::Identity()), 1e9));
+}
+
+TEST(Angle, IsExactFromNothingToHalfATurn) {
+  const Eigen::Vector3d axis = Eigen::Vector3d(1, -2, 0.5).normalized();
+  for (const double angle : {0.0, 1e-9, 1e-4, 0.35, 1.5, 3.0, 3.14159}) {
+    EXPECT_NEAR(angle_rad(Eigen::AngleAxisd(angle, axis).toRotationMatrix()), angle, 1e-12);
+  }
+}
+
+TEST(Displacement, IsOfTheTargetNotOfTheOrigin) {
+  const Eigen::Vector3d p_target(0, 0, 200);
+  const Eigen::Isometry3d T_about_camera = pose(0.01, {1, 0, 0}, {0, 0, 0});
+  EXPECT_NEAR(displacement_mm(T_about_camera, p_target), 2 * 200 * std::sin(0.005), 1e-9);
+  Eigen::Isometry3d T_about_target = T_about_camera;
+  T_about_target.translation() = p_target - T_about_camera.linear() * p_target;
+  EXPECT_NEAR(displacement_mm(T_about_target, p_target), 0, 1e-9);
+}
+
+}  // namespace
+}  // namespace holdfast::safety
