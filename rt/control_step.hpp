@@ -2,6 +2,10 @@
 // The control step: (time, parameters, readings, state) -> (output, state). A pure function: no
 // clock, no I/O, no heap, no locks, no logging, noexcept. It fuses stamped motion estimates in a
 // constant-velocity filter, predicts the site's pose to now, and asks the gate.
+//
+// The prediction's covariance and speed are about RegistrationInput::p_target_site_mm: the filter's
+// error (dq, dtheta) about the pivot becomes (dq + dtheta x lever, dtheta) with the lever from
+// pivot to target in camera axes. Without a registration there is no target; then it is the pivot.
 #pragma once
 
 #include <array>
@@ -22,13 +26,14 @@ struct ControlParameters {
 };
 
 /// One frame's arrival, reported by the camera thread at once, before tracking.
+/// Every arrival is a complete frame, unless its faults hold frame_incomplete, frame_late (the
+/// camera is silent) or camera_disconnected.
 struct FrameArrival {
   std::uint64_t frame = 0;
   safety::Timestamp t_received{};
   safety::Timestamp t_exposure{};
   safety::ReasonSet faults;  ///< frame_* and camera_*; a camera_disconnected event has no frame
   bool is_connected = true;
-  bool is_frame = true;  ///< a complete frame; false: only an event (gap, incomplete, disconnected)
 };
 
 struct StampedEstimate {
@@ -42,7 +47,7 @@ struct StampedEstimate {
 struct Readings {
   static constexpr std::size_t kMaxArrivals = 8;
   std::array<FrameArrival, kMaxArrivals> arrivals{};
-  std::size_t arrival_count = 0;
+  std::size_t arrival_count = 0;  ///< more than kMaxArrivals is an internal fault
   std::optional<StampedEstimate> estimate;
   safety::RegistrationInput registration;
   std::optional<safety::RobotInput> robot_status;  ///< newest accepted status
@@ -56,21 +61,35 @@ struct ControlState {
   safety::CameraInput camera;
   safety::TrackingInput tracking;
   safety::RobotInput robot;
-  std::uint64_t newest_frame = 0;
+  std::uint64_t registration_id = 0;  ///< the one that filter and estimates belong to
+  bool has_registration = false;
+  std::uint64_t newest_frame = 0;  ///< of the newest estimate
   safety::Timestamp t_newest_frame_received{};
+  safety::Timestamp t_estimate_published{};
   safety::Timestamp t_evidence{};
 };
 
 struct ControlOutput {
   safety::Decision decision;
   std::optional<safety::PredictedPose> prediction;  ///< also when not permitted; for display only
-  double sigma_target_mm = 0;                       ///< of the prediction
-  safety::Timestamp t_evidence{};  ///< arrival of the faulty input, or the deadline that passed
-  std::uint64_t frame = 0;         ///< of the newest estimate used
+  double sigma_target_mm = 0;  ///< 1 sigma of the prediction at the target, largest axis
+  /// When what led to the present mode and cause was there to be seen: arrival of the faulty input,
+  /// or the deadline that passed. Kept until mode or cause change; never after now.
+  safety::Timestamp t_evidence{};
+  std::uint64_t frame = 0;  ///< of the newest estimate used
   safety::Timestamp t_exposure{};
   safety::Timestamp t_frame_received{};
 };
 
+/// One cycle. Everything wrong with the readings ends as a reason of the decision:
+/// - faults of all arrivals count, however many came since the previous cycle;
+/// - a lost estimate does not correct the filter; a degraded one does, and is marked;
+/// - one that contradicts the filter is not taken in (pose_jump); should all that follow contradict
+///   too, the filter starts anew after PoseFilterParameters::gap_max, long after the gate latched;
+/// - one that is older than its predecessor is dropped (frame_time_invalid); one that is not a
+///   number likewise (invalid_number); one from the future is not taken in;
+/// - a registration that comes, goes or changes brings its own keyframe: the filter starts anew.
+/// Same arguments, same result, bit for bit.
 [[nodiscard]] ControlOutput control_step(safety::Timestamp now, const ControlParameters& parameters,
                                          const Readings& readings, ControlState& state) noexcept;
 

@@ -1,6 +1,15 @@
 // SPDX-License-Identifier: Apache-2.0
 // Constant-velocity filter of T_camera_site: corrects with stamped estimates, predicts to now, and
 // grows its covariance with time. Pure, noexcept, allocation-free.
+//
+// State: the pivot's position q in the camera, the site's rotation R, the pivot's velocity v and
+// the angular velocity w, all in camera axes. Error state: dq, dtheta, dv, dw, with p_camera =
+// Exp(dtheta)·R·(p_site - p_pivot_site) + q + dq, as MotionEstimate::covariance has it.
+//
+// Motion model: white acceleration, discrete: constant over the time dt since the newest estimate,
+// independent between such intervals, with the given sigma per axis. With G = [dt²/2; dt],
+// Q = sigma²·G·Gᵀ for each pair (position, velocity) of an axis (Bar-Shalom, Estimation with
+// Applications to Tracking and Navigation, section 6.3.2).
 #pragma once
 
 #include <chrono>
@@ -14,14 +23,17 @@
 namespace holdfast::rt {
 
 struct PoseFilterParameters {
-  double acceleration_sigma_mm_per_s2 = 200.0;  ///< white acceleration, per axis
+  /// Per axis. 50 covers a sudden change of direction at paper B's 2 mm/s within 2 sigma, for as
+  /// long as an estimate may be extrapolated.
+  double acceleration_sigma_mm_per_s2 = 50.0;
   double angular_acceleration_sigma_rad_per_s2 = 1.0;
   double velocity_sigma_init_mm_per_s = 10.0;  ///< at the first estimate
   double angular_velocity_sigma_init_rad_per_s = 0.05;
   double innovation_gate_sigma =
       6.0;  ///< Mahalanobis distance beyond which an estimate contradicts
-  std::chrono::nanoseconds gap_max =
-      std::chrono::milliseconds(300);  ///< longer gap between estimates: start anew
+  /// Longest time without an accepted estimate: beyond it nothing is predicted, and the next
+  /// estimate starts the filter anew.
+  std::chrono::nanoseconds gap_max = std::chrono::milliseconds(300);
 };
 
 class PoseFilter {
@@ -35,24 +47,45 @@ class PoseFilter {
     not_newer,
     invalid_number
   };
-  /// Takes in one estimate (status other than lost). On contradicts the state is left unchanged.
+  /// Takes in one estimate (status other than lost). On contradicts, not_newer and invalid_number
+  /// the state is left unchanged; after gap_max of contradictions the next estimate starts it anew.
+  /// invalid_number: not finite, not a rotation, or a covariance that is not positive definite.
   Correction correct(const perception::MotionEstimate& estimate,
                      const PoseFilterParameters& parameters) noexcept;
-  /// Pose, covariance and speed at `now` (not before the newest estimate); nothing before the
-  /// first.
+
+  /// Pose at `now`, with covariance and speed about the site's point `p_about_site_mm` (site
+  /// frame). Nothing before the first estimate, for a `now` before the newest one, or more than
+  /// gap_max after it. The covariance is nowhere smaller than the newest estimate's own: errors
+  /// against one keyframe are common to all its estimates, so that averaging does not remove them.
   [[nodiscard]] std::optional<safety::PredictedPose> predict(
-      std::chrono::nanoseconds now, const PoseFilterParameters& parameters) const noexcept;
+      std::chrono::nanoseconds now, const PoseFilterParameters& parameters,
+      const Eigen::Vector3d& p_about_site_mm) const noexcept;
+  /// The same about the pivot.
+  [[nodiscard]] std::optional<safety::PredictedPose> predict(
+      std::chrono::nanoseconds now, const PoseFilterParameters& parameters) const noexcept {
+    return predict(now, parameters, p_pivot_site_mm_);
+  }
   [[nodiscard]] bool has_state() const noexcept { return has_state_; }
+  /// Exposure of the newest estimate taken in.
+  [[nodiscard]] std::chrono::nanoseconds t_newest() const noexcept { return t_; }
 
  private:
   using Vector6d = Eigen::Matrix<double, 6, 1>;
+  using Matrix6d = perception::Matrix6d;
   using Matrix12d = Eigen::Matrix<double, 12, 12>;
+  void start(const perception::MotionEstimate& estimate,
+             const PoseFilterParameters& parameters) noexcept;
+  void move_pivot(const Eigen::Vector3d& p_pivot_site_mm) noexcept;
+  void propagate(std::chrono::nanoseconds t, const PoseFilterParameters& parameters) noexcept;
+  [[nodiscard]] bool update(const perception::MotionEstimate& estimate, double gate_sigma) noexcept;
+
   bool has_state_ = false;
   std::chrono::nanoseconds t_{};
   Eigen::Isometry3d T_camera_site_ = Eigen::Isometry3d::Identity();
   Eigen::Vector3d p_pivot_site_mm_ = Eigen::Vector3d::Zero();
   Vector6d velocity_ = Vector6d::Zero();  ///< of the pivot (mm/s) and angular (rad/s), camera axes
   Matrix12d covariance_ = Matrix12d::Identity();
+  Matrix6d estimate_covariance_ = Matrix6d::Identity();  ///< of the newest estimate
 };
 
 }  // namespace holdfast::rt
