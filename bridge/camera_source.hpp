@@ -5,6 +5,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -38,8 +39,12 @@ struct CameraParameters {
   int buffers = 8;
   int socket_buffer_bytes = 16 * 1024 * 1024;
   bool stamp_is_exposure_start = true;  ///< the camera stamps the start of exposure; false: its end
-  std::chrono::milliseconds frame_timeout{200};  ///< no buffer for this long: silent
-  std::chrono::milliseconds reconnect_min{100};  ///< backoff, doubled up to reconnect_max
+  /// From the end of exposure to the first packet's departure, by the camera's data sheet: one-way
+  /// arrivals cannot tell it from a clock offset, so what is not given here shifts t_exposure.
+  std::chrono::microseconds readout_delay{0};
+  std::chrono::milliseconds frame_timeout{200};        ///< no buffer for this long: silent
+  std::chrono::milliseconds disconnect_timeout{1000};  ///< silent for this long: disconnected
+  std::chrono::milliseconds reconnect_min{100};        ///< backoff, doubled up to reconnect_max
   std::chrono::milliseconds reconnect_max{2000};
 };
 
@@ -48,21 +53,26 @@ enum class CameraEvent : std::uint8_t {
   frame,       ///< a complete frame
   incomplete,  ///< packets missing, or a size that is not the expected one
   gap,         ///< frame ids were skipped; `frames_missing` says how many
-  silent,      ///< no buffer within frame_timeout
+  silent,      ///< no buffer within frame_timeout; repeated every frame_timeout
   disconnected,
-  time_invalid  ///< the camera's stamp repeats or goes back
+  time_invalid  ///< the camera's stamp repeats, goes back, or lies ahead of its own arrival; the
+                ///< frame is withheld and the clock is learnt anew
 };
 
 struct CameraReport {
   CameraEvent event{};
-  std::uint64_t frame_id = 0;
+  std::uint64_t frame_id = 0;  ///< 0: unknown (an incomplete frame may have lost it)
+  /// gap: ids skipped and not reported as incomplete; 0 when the ids went back (the camera
+  /// restarted), so that the number is not known.
   std::uint64_t frames_missing = 0;
+  int buffer_status = 0;                  ///< incomplete: Aravis' ArvBufferStatus
+  std::size_t received_bytes = 0;         ///< frame, incomplete of a wrong size: bytes of the image
   std::chrono::nanoseconds t_received{};  ///< host CLOCK_MONOTONIC, when the last packet was in
   std::chrono::nanoseconds t_camera{};    ///< the camera's own stamp
   std::chrono::nanoseconds t_exposure{};  ///< mid-exposure on host CLOCK_MONOTONIC, from t_camera
   std::chrono::nanoseconds clock_offset_sigma{};  ///< uncertainty of that conversion
-  cv::Mat image;  ///< CV_8UC1, CV_16UC1 (mono12) or CV_8UC3 BGR; in the pool, valid during the call
-                  ///< only
+  cv::Mat image;  ///< CV_8UC1, CV_16UC1 (mono12: 0..4095, unscaled) or CV_8UC3 BGR; in the pool,
+                  ///< valid during the call only; empty unless event is frame
 };
 
 struct CameraCounters {
