@@ -5,4 +5,8 @@
 
 #include <CLI/CLI.hpp>
 
-namespace holdfast::sim {}  // namespace holdfast::sim
+namespace holdfast::sim {
+
+void add_camera_command(CLI::App& program);
+
+}  // namespace holdfast::sim

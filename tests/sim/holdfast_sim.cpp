@@ -10,5 +10,6 @@ int main(int argc, char** argv) {
   CLI::App app{"Holdfast's virtual operating room: cameras, robot, operator.", "holdfast-sim"};
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
+  holdfast::sim::add_camera_command(app);
   return holdfast::bridge::run_command_line(app, argc, argv);
 }
