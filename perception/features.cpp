@@ -56,62 +56,86 @@ void keep_strongest(std::vector<cv::KeyPoint>& corners, std::size_t count) {
   }
 }
 
+/// One pyramid level's grid of cells, each with a FAST threshold of its own that follows the scene:
+/// it rises where corners abound and falls where they are few. Most of FAST's time goes into
+/// corners that nobody keeps.
+struct CellGrid {
+  int columns = 0, rows = 0;
+  std::vector<int> thresholds;
+
+  void resize(int wanted_columns, int wanted_rows, int threshold) {
+    if (columns == wanted_columns && rows == wanted_rows) return;
+    columns = wanted_columns;
+    rows = wanted_rows;
+    thresholds.assign(static_cast<std::size_t>(columns) * static_cast<std::size_t>(rows),
+                      threshold);
+  }
+};
+
 }  // namespace
 
 struct FeatureDetector::Impl {
   FeatureParameters parameters;
   cv::Ptr<cv::ORB> orb;
   cv::Mat level, smaller;
-  std::vector<cv::KeyPoint> corners;
-  std::vector<std::vector<cv::KeyPoint>> cells;
+  std::vector<CellGrid> grids;  // of each level
+  std::vector<cv::KeyPoint> corners, cell_corners;
   cv::Mat descriptors;
 
-  void find_corners(const cv::Mat& image, const cv::Mat& keep, double scale, int wanted,
-                    int threshold);
-  void spread(cv::Size size, int cell_px, int wanted);
+  void find_corners(const cv::Mat& image, const cv::Mat& keep, int cell_px, int wanted,
+                    CellGrid& grid);
+  int find_in_cell(const cv::Mat& image, const cv::Mat& keep, cv::Rect cell, int threshold);
   void describe(const cv::Mat& image, double to_full, Features& out);
-  void detect(const cv::Mat& base, const cv::Mat& keep, double base_scale, int threshold,
-              Features& out);
 };
 
-/// Corners of one pyramid level in the kept region, at most `wanted`, spread over the cells.
-void FeatureDetector::Impl::find_corners(const cv::Mat& image, const cv::Mat& keep, double scale,
-                                         int wanted, int threshold) {
-  cv::FAST(image, corners, threshold, true);
+/// The corners of one cell in the kept region, into cell_corners. Returns how many there were
+/// before the mask.
+int FeatureDetector::Impl::find_in_cell(const cv::Mat& image, const cv::Mat& keep, cv::Rect cell,
+                                        int threshold) {
+  // FAST leaves a frame of 3 pixels, and its non-maximum suppression needs one more.
+  constexpr int kFrame = 4;
+  const cv::Rect reach(cell.x - kFrame, cell.y - kFrame, cell.width + 2 * kFrame,
+                       cell.height + 2 * kFrame);
+  cv::FAST(image(reach), cell_corners, threshold, true);
+  const auto found = static_cast<int>(cell_corners.size());
   const double to_keep_x = static_cast<double>(keep.cols) / image.cols;
   const double to_keep_y = static_cast<double>(keep.rows) / image.rows;
-  const auto is_unusable = [&](const cv::KeyPoint& corner) {
-    const float x = corner.pt.x, y = corner.pt.y;
-    if (x < kBorder || y < kBorder || x >= static_cast<float>(image.cols - kBorder) ||
-        y >= static_cast<float>(image.rows - kBorder))
-      return true;
-    const int column =
-        std::min(static_cast<int>((static_cast<double>(x) + 0.5) * to_keep_x), keep.cols - 1);
-    const int row =
-        std::min(static_cast<int>((static_cast<double>(y) + 0.5) * to_keep_y), keep.rows - 1);
+  const auto is_unusable = [&](cv::KeyPoint& corner) {
+    corner.pt += cv::Point2f(reach.tl());
+    const cv::Point2d p = corner.pt;
+    if (!cell.contains(cv::Point(corner.pt))) return true;
+    const int column = std::min(static_cast<int>((p.x + 0.5) * to_keep_x), keep.cols - 1);
+    const int row = std::min(static_cast<int>((p.y + 0.5) * to_keep_y), keep.rows - 1);
     return keep.at<uchar>(row, column) == 0;
   };
-  corners.erase(std::remove_if(corners.begin(), corners.end(), is_unusable), corners.end());
-  spread(image.size(), std::max(8, static_cast<int>(parameters.cell_px / scale)), wanted);
+  cell_corners.erase(std::remove_if(cell_corners.begin(), cell_corners.end(), is_unusable),
+                     cell_corners.end());
+  return found;
 }
 
-/// Keeps the strongest of each cell, so many that the cells together hold half as many again as
-/// wanted, and of those the strongest.
-void FeatureDetector::Impl::spread(cv::Size size, int cell_px, int wanted) {
-  if (corners.size() <= static_cast<std::size_t>(wanted)) return;
-  const int columns = size.width / cell_px + 1, rows = size.height / cell_px + 1;
-  cells.resize(std::max(cells.size(), static_cast<std::size_t>(columns * rows)));
-  for (auto& cell : cells) cell.clear();
-  for (const cv::KeyPoint& corner : corners)
-    cells[static_cast<std::size_t>(static_cast<int>(corner.pt.y) / cell_px * columns +
-                                   static_cast<int>(corner.pt.x) / cell_px)]
-        .push_back(corner);
-  const auto share = static_cast<std::size_t>(1.5 * wanted / (columns * rows)) + 1;
+/// The strongest corners of each cell of one pyramid level, so many that the cells together hold
+/// half as many again as wanted, and of those the strongest.
+void FeatureDetector::Impl::find_corners(const cv::Mat& image, const cv::Mat& keep, int cell_px,
+                                         int wanted, CellGrid& grid) {
   corners.clear();
-  for (auto& cell : cells) {
-    keep_strongest(cell, share);
-    corners.insert(corners.end(), cell.begin(), cell.end());
-  }
+  const cv::Rect inside(kBorder, kBorder, image.cols - 2 * kBorder, image.rows - 2 * kBorder);
+  const int columns = (inside.width + cell_px - 1) / cell_px;
+  const int rows = (inside.height + cell_px - 1) / cell_px;
+  grid.resize(columns, rows, parameters.fast_threshold);
+  const int share = static_cast<int>(1.5 * wanted / (columns * rows)) + 1;
+  for (int row = 0; row < rows; ++row)
+    for (int column = 0; column < columns; ++column) {
+      const cv::Rect cell =
+          cv::Rect(kBorder + column * cell_px, kBorder + row * cell_px, cell_px, cell_px) & inside;
+      int& threshold = grid.thresholds[static_cast<std::size_t>(row * columns + column)];
+      const int found = find_in_cell(image, keep, cell, threshold);
+      if (found > 3 * share)
+        threshold = std::min(threshold + 1 + threshold / 4, 100);
+      else if (found < 3 * share / 2)
+        threshold = std::max(threshold - 1 - threshold / 5, parameters.fast_threshold);
+      keep_strongest(cell_corners, static_cast<std::size_t>(share));
+      corners.insert(corners.end(), cell_corners.begin(), cell_corners.end());
+    }
   keep_strongest(corners, static_cast<std::size_t>(wanted));
 }
 
@@ -135,29 +159,6 @@ void FeatureDetector::Impl::describe(const cv::Mat& image, double to_full, Featu
   }
 }
 
-void FeatureDetector::Impl::detect(const cv::Mat& base, const cv::Mat& keep, double base_scale,
-                                   int threshold, Features& out) {
-  out.pixels.clear();
-  out.descriptors.clear();
-  out.strengths.clear();
-  double weights = 0;
-  for (int l = 0; l < parameters.levels; ++l) weights += std::pow(parameters.level_scale, -2.0 * l);
-  cv::Mat image = base;
-  for (int l = 0; l < parameters.levels; ++l) {
-    const double scale = std::pow(parameters.level_scale, l);
-    if (l > 0) {
-      const cv::Size size(cvRound(base.cols / scale), cvRound(base.rows / scale));
-      if (size.width <= 2 * kBorder || size.height <= 2 * kBorder) break;
-      cv::resize(image, smaller, size, 0, 0, cv::INTER_LINEAR);
-      std::swap(level, smaller);
-      image = level;
-    }
-    const int wanted = cvRound(parameters.count / (scale * scale) / weights);
-    find_corners(image, keep, base_scale * scale, wanted, threshold);
-    describe(image, base_scale * scale, out);
-  }
-}
-
 FeatureDetector::FeatureDetector(const FeatureParameters& parameters)
     : impl_(std::make_unique<Impl>()) {
   impl_->parameters = parameters;
@@ -168,17 +169,39 @@ FeatureDetector::~FeatureDetector() = default;
 FeatureDetector::FeatureDetector(FeatureDetector&&) noexcept = default;
 FeatureDetector& FeatureDetector::operator=(FeatureDetector&&) noexcept = default;
 
+void FeatureDetector::reset() {
+  impl_->grids.clear();
+}
+
 void FeatureDetector::detect(const cv::Mat& grey, const cv::Mat& half, const cv::Mat& keep_half,
                              Features& out) {
+  Impl& s = *impl_;
+  const FeatureParameters& p = s.parameters;
   // A small image has too few pixels to give half of each side away.
   constexpr std::size_t kSmallPx = 600'000;
-  const bool is_full = impl_->parameters.is_full_size || grey.total() < kSmallPx;
+  const bool is_full = p.is_full_size || grey.total() < kSmallPx;
   const cv::Mat& base = is_full ? grey : half;
-  const int threshold = impl_->parameters.fast_threshold;
-  impl_->detect(base, keep_half, is_full ? 1 : 2, threshold, out);
-  // A frame that starves gets a second, finer look.
-  if (out.size() < impl_->parameters.count / 4 && threshold >= 4)
-    impl_->detect(base, keep_half, is_full ? 1 : 2, threshold / 2, out);
+  out.pixels.clear();
+  out.descriptors.clear();
+  out.strengths.clear();
+  s.grids.resize(static_cast<std::size_t>(p.levels));
+  double weights = 0;
+  for (int l = 0; l < p.levels; ++l) weights += std::pow(p.level_scale, -2.0 * l);
+  cv::Mat image = base;
+  for (int l = 0; l < p.levels; ++l) {
+    const double scale = std::pow(p.level_scale, l), to_full = (is_full ? 1 : 2) * scale;
+    const cv::Size size(cvRound(base.cols / scale), cvRound(base.rows / scale));
+    if (size.width <= 2 * kBorder || size.height <= 2 * kBorder) break;
+    if (l > 0) {
+      cv::resize(image, s.smaller, size, 0, 0, cv::INTER_LINEAR);
+      std::swap(s.level, s.smaller);
+      image = s.level;
+    }
+    const int wanted = cvRound(p.count / (scale * scale) / weights);
+    const int cell_px = std::max(16, static_cast<int>(p.cell_px / to_full));
+    s.find_corners(image, keep_half, cell_px, wanted, s.grids[static_cast<std::size_t>(l)]);
+    s.describe(image, to_full, out);
+  }
 }
 
 }  // namespace holdfast::perception

@@ -33,8 +33,12 @@ class FeatureDetector {
   FeatureDetector(FeatureDetector&&) noexcept;
   FeatureDetector& operator=(FeatureDetector&&) noexcept;
 
+  /// Forgets the thresholds that follow the scene: what comes next depends on its images only.
+  void reset();
+
   /// `grey`, `half` and `keep_half` as make_grey_and_mask() leaves them. Features of the regions
-  /// to keep, in a deterministic order; possibly none. One thread at a time.
+  /// to keep, in a deterministic order; possibly none. Each call adapts the thresholds for the
+  /// next: after about ten on one image they are settled. One thread at a time.
   void detect(const cv::Mat& grey, const cv::Mat& half, const cv::Mat& keep_half, Features& out);
 
  private:

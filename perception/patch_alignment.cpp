@@ -9,7 +9,7 @@ namespace {
 
 constexpr int kRadius = 4, kSide = 2 * kRadius + 1, kCount = kSide * kSide;
 constexpr int kIterations = 10;
-constexpr double kSettledPx = 0.002;
+constexpr double kSettledPx = 0.01;           // of the last step; what is left is a tenth of it
 constexpr float kTextureMin = 4.0F * kCount;  // sum of squared grey levels: 2 grey levels rms
 
 using Patch = std::array<float, kCount>;

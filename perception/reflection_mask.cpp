@@ -28,13 +28,16 @@ void split_row(const uchar* bgr, int width, int tau_256, uchar* grey, uchar* uns
     cv::v_expand(b, b0, b1);
     cv::v_expand(g, g0, g1);
     cv::v_expand(r, r0, r1);
-    const cv::v_uint16x8 low = (b0 * blue + g0 * green + r0 * red + half) >> 7;
-    const cv::v_uint16x8 high = (b1 * blue + g1 * green + r1 * red + half) >> 7;
+    using cv::v_mul_wrap;  // nothing wraps: 255 * 128 is the most
+    const auto low =
+        (v_mul_wrap(b0, blue) + v_mul_wrap(g0, green) + v_mul_wrap(r0, red) + half) >> 7;
+    const auto high =
+        (v_mul_wrap(b1, blue) + v_mul_wrap(g1, green) + v_mul_wrap(r1, red) + half) >> 7;
     const cv::v_uint8x16 luma = cv::v_pack(low, high);
     const cv::v_uint8x16 top = cv::v_max(b, cv::v_max(g, r));
     const cv::v_uint8x16 chroma = top - cv::v_min(b, cv::v_min(g, r));
     cv::v_expand(top, t0, t1);
-    const cv::v_uint8x16 limit = cv::v_pack((t0 * tau) >> 8, (t1 * tau) >> 8);
+    const cv::v_uint8x16 limit = cv::v_pack(v_mul_wrap(t0, tau) >> 8, v_mul_wrap(t1, tau) >> 8);
     const cv::v_uint8x16 is_unsaturated = chroma <= limit;
     cv::v_store(grey + x, luma);
     cv::v_store(unsaturated + x, luma & is_unsaturated);

@@ -318,7 +318,10 @@ TrackingReason Tracker::set_keyframe(const cv::Mat& image, const SiteGeometry& g
   const Site site(s.camera, geometry);
   View view;
   make_grey_and_mask(image, s.parameters.mask, view.images);
-  s.detector.detect(view.images.grey, view.images.half, view.images.keep_half, view.features);
+  constexpr int kSettling = 12;
+  s.detector.reset();
+  for (int i = 0; i < kSettling; ++i)
+    s.detector.detect(view.images.grey, view.images.half, view.images.keep_half, view.features);
   const std::vector<cv::Point2d> pixels(view.features.pixels.begin(), view.features.pixels.end());
   const auto rays = to_normalised(s.camera, pixels);
   std::vector<bool> keep(pixels.size());

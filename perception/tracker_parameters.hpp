@@ -19,13 +19,13 @@ struct ReflectionMaskParameters {
 };
 
 struct FeatureParameters {
-  int count = 1200;           ///< features kept per frame, spread over a grid
+  int count = 900;            ///< features kept per frame, spread over a grid
   bool is_full_size = false;  ///< detect on the full image (slower) instead of at half size;
                               ///< images below 0.6 megapixels always are
-  int fast_threshold = 8;     ///< grey levels; halved once for a frame that starves
+  int fast_threshold = 7;     ///< grey levels, the lowest; rises where corners abound
   int levels = 3;             ///< pyramid levels
   double level_scale = 1.3;   ///< between two levels
-  int cell_px = 64;           ///< side of a cell of the spreading grid
+  int cell_px = 128;          ///< side of a cell of the grid that spreads them
 };
 
 struct MatchParameters {
@@ -41,7 +41,7 @@ struct ModelParameters {
   double parallax_px = 40;  ///< SiteDepth: what relief may add to the first, planar consensus
   double fine_threshold_px = 1.0;  ///< an inlier, after sub-pixel alignment
   double zncc_min = 0.8;           ///< of an aligned patch with its template
-  int points_max = 400;            ///< patches aligned per frame
+  int points_max = 300;            ///< patches aligned per frame
 };
 
 struct UncertaintyParameters {

@@ -5,4 +5,8 @@
 
 #include <CLI/CLI.hpp>
 
-namespace holdfast::rt {}  // namespace holdfast::rt
+namespace holdfast::rt {
+
+void add_track(CLI::App& app);
+
+}  // namespace holdfast::rt

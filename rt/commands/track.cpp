@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast track`: follows the site through a recorded sequence, against its first frame, and
+// writes the trajectory.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Eigenvalues>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <unistd.h>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/camera_file.hpp"
+#include "bridge/command_line.hpp"
+#include "bridge/depth_file.hpp"
+#include "bridge/image_file.hpp"
+#include "bridge/image_sequence.hpp"
+#include "bridge/surface_depth.hpp"
+#include "perception/site.hpp"
+#include "perception/tracker.hpp"
+#include "perception/tracker_parameters.hpp"
+#include "rt/commands/commands.hpp"
+#include "rt/core/error.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+using perception::MotionEstimate;
+using perception::TrackingReason;
+using perception::TrackingStatus;
+
+constexpr const char* kHeader =
+    "frame,t_ns,status,dx_um,dy_um,rotation_rad,scale,tx_mm,ty_mm,tz_mm,qx,qy,qz,qw,sigma_t_mm,"
+    "sigma_r_rad,inliers,drift_um,latency_us\n";
+constexpr const char* kLostRow = ",,,,,,,,,,,,,,,,";
+constexpr const char* kExample =
+    "Example: a recording of the site, 200 mm below a calibrated camera\n"
+    "  holdfast track --frames recording/ --camera camera.yaml --plane-mm 200 --out poses.csv\n"
+    "The first frame is the keyframe. With --depth or --surface the motion has six degrees of "
+    "freedom;\nwith --plane-mm it is planar. Exit code 1: the first frame cannot serve, or every "
+    "other was lost.";
+
+struct Options {
+  std::string frames, camera, depth, surface, mask, out, tum;
+  std::optional<double> plane_mm, fps;
+  int features = perception::FeatureParameters{}.count;
+  bool is_json = false;
+};
+
+struct Stage {
+  const char* name;
+  std::chrono::nanoseconds perception::StageTimes::*time;
+  std::vector<double> ms{};
+};
+
+struct Outcome {
+  int frames = 0;
+  std::map<TrackingStatus, int> count;
+  TrackingReason last_reason = TrackingReason::none;  // of the newest lost frame
+  std::string csv = kHeader, tum;
+  std::vector<Stage> stages = {{"mask", &perception::StageTimes::mask},
+                               {"detect", &perception::StageTimes::detect},
+                               {"match", &perception::StageTimes::match},
+                               {"model", &perception::StageTimes::model},
+                               {"total", &perception::StageTimes::total}};
+
+  void add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate);
+};
+
+double largest_sigma(const Eigen::Matrix3d& covariance) {
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
+  return std::sqrt(std::max(solver.eigenvalues().maxCoeff(), 0.0));
+}
+
+std::string csv_row(const bridge::SequenceFrame& frame, const MotionEstimate& e) {
+  std::string row = fmt::format("{},{},{}", frame.index, frame.t.count(), name(e.status));
+  if (e.status == TrackingStatus::lost) return row + kLostRow + "\n";
+  const Eigen::Quaterniond q(e.T_camera_site.linear());
+  const Eigen::Vector3d t = e.T_camera_site.translation();
+  row += fmt::format(",{:.4f},{:.4f},{:.9f},{:.9f}", e.dx_um, e.dy_um, e.rotation_rad, e.scale);
+  row += fmt::format(",{:.7f},{:.7f},{:.7f},{:.10f},{:.10f},{:.10f},{:.10f}", t.x(), t.y(), t.z(),
+                     q.x(), q.y(), q.z(), q.w());
+  row += fmt::format(",{:.7f},{:.9f},{}", largest_sigma(e.covariance.topLeftCorner<3, 3>()),
+                     largest_sigma(e.covariance.bottomRightCorner<3, 3>()), e.inliers);
+  row += e.has_drift ? fmt::format(",{:.3f}", e.drift_um) : std::string(",");
+  const double latency_us = static_cast<double>(e.times.total.count()) / 1000;
+  return row + fmt::format(",{:.1f}\n", latency_us);
+}
+
+/// Time in s, position in m, quaternion: one line a pose, none for a lost frame.
+std::string tum_row(const bridge::SequenceFrame& frame, const MotionEstimate& e) {
+  if (e.status == TrackingStatus::lost) return {};
+  const Eigen::Quaterniond q(e.T_camera_site.linear());
+  const Eigen::Vector3d t_m = e.T_camera_site.translation() / 1000;
+  return fmt::format("{}.{:09d} {:.10f} {:.10f} {:.10f} {:.10f} {:.10f} {:.10f} {:.10f}\n",
+                     frame.t.count() / 1'000'000'000, std::abs(frame.t.count() % 1'000'000'000),
+                     t_m.x(), t_m.y(), t_m.z(), q.x(), q.y(), q.z(), q.w());
+}
+
+void Outcome::add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate) {
+  ++frames;
+  ++count[estimate.status];
+  if (estimate.status == TrackingStatus::lost) last_reason = estimate.reason;
+  csv += csv_row(frame, estimate);
+  tum += tum_row(frame, estimate);
+  for (Stage& stage : stages)
+    stage.ms.push_back(static_cast<double>((estimate.times.*stage.time).count()) / 1e6);
+}
+
+double percentile(std::vector<double> values, double share) {
+  const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1) + 0.5);
+  std::nth_element(values.begin(), values.begin() + k, values.end());
+  return values[static_cast<std::size_t>(k)];
+}
+
+perception::SiteGeometry geometry_of(const Options& options,
+                                     const perception::CameraModel& camera) {
+  perception::SiteGeometry geometry;
+  std::string source = "--plane-mm";
+  if (!options.depth.empty()) {
+    source = options.depth;
+    geometry = perception::SiteDepth{
+        bridge::read_depth_file(options.depth, camera.width_px, camera.height_px)};
+  } else if (!options.surface.empty()) {
+    source = options.surface;
+    geometry = perception::SiteDepth{bridge::depth_from_surface_file(options.surface, camera)};
+  } else {
+    geometry = perception::SitePlane{*options.plane_mm};
+  }
+  if (const auto what = perception::invalid_geometry(camera, geometry))
+    throw InputError(source + ": " + *what);
+  return geometry;
+}
+
+cv::Mat mask_of(const Options& options, const perception::CameraModel& camera) {
+  if (options.mask.empty()) return {};
+  const cv::Mat mask = bridge::read_image_file(options.mask);
+  if (mask.type() != CV_8UC1) throw InputError(options.mask + ": must be 8-bit grey");
+  if (mask.cols != camera.width_px || mask.rows != camera.height_px)
+    throw InputError(fmt::format("{}: is {}x{} px, must be {}x{} px as the camera", options.mask,
+                                 mask.cols, mask.rows, camera.width_px, camera.height_px));
+  return mask;
+}
+
+/// The first frame becomes the keyframe; its row is the identity by definition, its evidence that
+/// of finding itself again.
+MotionEstimate take_keyframe(perception::Tracker& tracker, const bridge::SequenceFrame& frame,
+                             const perception::SiteGeometry& geometry, const cv::Mat& mask) {
+  const TrackingReason reason = tracker.set_keyframe(frame.image, geometry, mask);
+  if (reason != TrackingReason::none)
+    throw RefusedError(
+        fmt::format("{}: cannot serve as the keyframe: {}", frame.name, name(reason)));
+  MotionEstimate estimate = tracker.track(frame.image, frame.t);
+  if (estimate.status == TrackingStatus::lost)
+    throw RefusedError(
+        fmt::format("{}: cannot serve as the keyframe: it is not found again in "
+                    "itself: {}",
+                    frame.name, name(estimate.reason)));
+  estimate.T_camera_site.setIdentity();
+  estimate.dx_um = estimate.dy_um = estimate.rotation_rad = 0;
+  estimate.scale = 1;
+  return estimate;
+}
+
+class Progress {
+ public:
+  explicit Progress(int total) : total_(total), is_shown_(isatty(STDERR_FILENO) == 1) {}
+  ~Progress() {
+    if (is_shown_) std::fputs("\r\033[K", stderr);
+  }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+  void show(int frame) const {
+    if (!is_shown_) return;
+    if (total_ > 0)
+      std::fprintf(stderr, "\rframe %d of %d", frame + 1, total_);
+    else
+      std::fprintf(stderr, "\rframe %d", frame + 1);
+  }
+
+ private:
+  int total_;
+  bool is_shown_;
+};
+
+Outcome follow(const Options& options, bridge::ImageSequence& sequence,
+               const perception::CameraModel& camera) {
+  perception::TrackerParameters parameters;
+  parameters.features.count = options.features;
+  if (const auto what = perception::invalid_parameter(parameters)) throw InputError(*what);
+  const perception::SiteGeometry geometry = geometry_of(options, camera);
+  const cv::Mat mask = mask_of(options, camera);
+  perception::Tracker tracker(camera, parameters);
+  const Progress progress(sequence.size());
+  Outcome outcome;
+  while (const auto frame = sequence.next()) {
+    if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+    if (frame->image.cols != camera.width_px || frame->image.rows != camera.height_px)
+      throw InputError(fmt::format("{}: is {}x{} px, must be {}x{} px as the camera", frame->name,
+                                   frame->image.cols, frame->image.rows, camera.width_px,
+                                   camera.height_px));
+    progress.show(frame->index);
+    outcome.add(*frame, frame->index == 0 ? take_keyframe(tracker, *frame, geometry, mask)
+                                          : tracker.track(frame->image, frame->t));
+  }
+  const int followed = outcome.frames - 1;
+  if (followed > 0 && outcome.count[TrackingStatus::lost] == followed)
+    throw RefusedError(fmt::format("{}: all {} frames after the keyframe are lost, the last: {}",
+                                   options.frames, followed, name(outcome.last_reason)));
+  return outcome;
+}
+
+const char* text(bridge::TimeSource source) {
+  switch (source) {
+    case bridge::TimeSource::timestamps_file:
+      return "timestamps.csv";
+    case bridge::TimeSource::given_rate:
+      return "--fps";
+    case bridge::TimeSource::video_rate:
+      return "the video's frame rate";
+    case bridge::TimeSource::assumed_rate:
+      break;
+  }
+  return "assumed 30 frames/s";
+}
+
+void report(const Options& options, Outcome& outcome, bridge::TimeSource times) {
+  if (options.is_json) {
+    nlohmann::ordered_json json;
+    json["frames"] = outcome.frames;
+    for (const auto status : {TrackingStatus::lost, TrackingStatus::tracking,
+                              TrackingStatus::relocalised, TrackingStatus::degraded})
+      json[std::string(name(status))] = outcome.count[status];
+    json["times"] = text(times);
+    for (const Stage& stage : outcome.stages)
+      json["timing_ms"][stage.name] = {{"median", percentile(stage.ms, 0.5)},
+                                       {"p99", percentile(stage.ms, 0.99)}};
+    json["out"] = options.out;
+    fmt::print("{}\n", json.dump());
+    return;
+  }
+  fmt::print("{}: {} frames, {} tracking, {} relocalised, {} degraded, {} lost; times: {}\n",
+             options.out, outcome.frames, outcome.count[TrackingStatus::tracking],
+             outcome.count[TrackingStatus::relocalised], outcome.count[TrackingStatus::degraded],
+             outcome.count[TrackingStatus::lost], text(times));
+  for (const Stage& stage : outcome.stages)
+    fmt::print("{:>7}  median {:7.2f} ms  p99 {:7.2f} ms\n", stage.name, percentile(stage.ms, 0.5),
+               percentile(stage.ms, 0.99));
+}
+
+void run(const Options& options) {
+  // The decoders' own chatter would break the one line that a failure prints.
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+  cv::setNumThreads(1);  // as in the daemon, so that the times shown are the daemon's
+  bridge::catch_interrupts();
+  const perception::CameraModel camera = bridge::read_camera_file(options.camera);
+  bridge::ImageSequence sequence(options.frames, options.fps);
+  Outcome outcome = follow(options, sequence, camera);
+  bridge::AtomicFile csv(options.out);
+  csv.write(outcome.csv);
+  if (!options.tum.empty()) bridge::write_file_atomically(options.tum, outcome.tum);
+  csv.commit();
+  report(options, outcome, sequence.time_source());
+}
+
+}  // namespace
+
+void add_track(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  CLI::App* track = app.add_subcommand("track", "Follow the site through a recorded sequence.");
+  track->add_option("--frames", options->frames, "Folder of images in name order, or a video")
+      ->required();
+  track->add_option("--camera", options->camera, "camera.yaml as OpenCV's calibration writes it")
+      ->required();
+  CLI::Option_group* site = track->add_option_group("site", "What is known of the site's shape");
+  site->add_option("--plane-mm", options->plane_mm, "A plane facing the camera at this depth, mm");
+  site->add_option("--depth", options->depth,
+                   "Depth on the keyframe's undistorted pixel grid: 32-bit float TIFF, mm");
+  site->add_option("--surface", options->surface,
+                   "PLY, mm, in the camera's frame, or rectified with a comment R1");
+  site->require_option(1);
+  track->add_option("--mask", options->mask,
+                    "8-bit image of the keyframe's size; 0 = take no features here");
+  track->add_option("--fps", options->fps, "Frame rate; overrides timestamps.csv");
+  track->add_option("--features", options->features, "Features per frame")->capture_default_str();
+  track->add_option("--out", options->out, "The trajectory, one row a frame (CSV)")->required();
+  track->add_option("--tum", options->tum, "The same poses in TUM format (m)");
+  track->add_flag("--json", options->is_json, "Print one JSON object on stdout");
+  track->footer(kExample);
+  track->callback([options] { run(*options); });
+}
+
+}  // namespace holdfast::rt
