@@ -139,6 +139,10 @@ bool Endpoint::write(const void* sample) const noexcept {
   return dds_write(entity_.handle(), sample) == DDS_RETCODE_OK;
 }
 
+bool Endpoint::wait_for_acknowledgements(std::chrono::nanoseconds timeout) const noexcept {
+  return dds_wait_for_acks(entity_.handle(), timeout.count()) == DDS_RETCODE_OK;
+}
+
 int Endpoint::take(std::span<void*> samples) const noexcept {
   constexpr std::size_t kMax = 32;
   std::array<dds_sample_info_t, kMax> info;

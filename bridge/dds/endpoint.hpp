@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
-// Typed writers and readers of the topics. After construction neither writing nor taking allocates
-// or waits on the calling thread (Cyclone takes its own mutexes, without priority inheritance: not
-// for the control loop's thread). Each object belongs to one thread.
+// Typed writers and readers of the topics. After construction neither writing nor taking waits, and
+// taking does not allocate. Writing does not either for messages up to 256 bytes; for larger ones
+// (poses, health, registration) Cyclone 0.10.2 calls malloc twice, since it pools no larger
+// buffers. Cyclone takes its own mutexes, without priority inheritance: none of this is for the
+// control loop's thread. Each object belongs to one thread.
 #pragma once
 
 #include <array>
@@ -28,6 +30,9 @@ struct EndpointStatus {
 class Endpoint {
  public:
   [[nodiscard]] EndpointStatus status() const noexcept;
+  /// Writers: waits until every matched reliable reader has what was written; false on timeout. For
+  /// programs about to end.
+  [[nodiscard]] bool wait_for_acknowledgements(std::chrono::nanoseconds timeout) const noexcept;
   [[nodiscard]] std::int32_t handle() const noexcept { return entity_.handle(); }
   ~Endpoint();
   Endpoint(const Endpoint&) = delete;
@@ -100,6 +105,7 @@ class ProtectedWriter {
   }
   [[nodiscard]] EndpointStatus status() const noexcept { return writer_.status(); }
   [[nodiscard]] std::uint32_t counter() const noexcept { return counter_; }  ///< newest sent
+  [[nodiscard]] const Writer<M>& writer() const noexcept { return writer_; }
 
  private:
   Writer<M> writer_;
@@ -129,6 +135,33 @@ class Reader : public Endpoint {
  private:
   std::array<M, kBatch> samples_{};
   std::array<void*, kBatch> pointers_{};
+};
+
+/// A reader that checks each message as it comes in.
+template <msg::Message M>
+class ProtectedReader {
+ public:
+  ProtectedReader(const Participant& participant, const safety::ReceiverParameters& parameters)
+      : reader_(participant), receiver_(Topic<M>::policy().data_id, parameters) {}
+
+  /// Calls f(message, verdict, clocks at reception) for each message that has arrived, oldest
+  /// first. On any verdict but `accepted` its content must not be used.
+  template <class F>
+  void take(F&& f) {
+    for (int batch = 0; batch < kMaxBatches; ++batch) {
+      const auto messages = reader_.take();
+      if (messages.empty()) return;
+      const Clocks now = read_clocks();
+      for (const M& message : messages) f(message, check(message, receiver_, now), now);
+    }
+  }
+  [[nodiscard]] const safety::Receiver& receiver() const noexcept { return receiver_; }
+  [[nodiscard]] const Reader<M>& reader() const noexcept { return reader_; }
+
+ private:
+  static constexpr int kMaxBatches = 16;  // a flood must not keep the caller here
+  Reader<M> reader_;
+  safety::Receiver receiver_;
 };
 
 }  // namespace holdfast::bridge::dds

@@ -8,12 +8,9 @@
 #include "bridge/dds/endpoint.hpp"
 #include "rt/core/error.hpp"
 #include "tests/bridge/dds_domain.hpp"
+#include "tests/bridge/scripted_daemon.hpp"
 
 namespace holdfast::bridge::dds {
-
-struct PoseForger {
-  static PoseWriterKey key() { return {}; }
-};
 
 namespace {
 

@@ -8,5 +8,7 @@
 namespace holdfast::sim {
 
 void add_camera_command(CLI::App& program);
+void add_operator_command(CLI::App& program);
+void add_robot_command(CLI::App& program);
 
 }  // namespace holdfast::sim
