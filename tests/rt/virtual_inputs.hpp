@@ -68,7 +68,7 @@ class VirtualInputs {
     Readings readings;
     readings.registration = registration;
     for (; t_exposure(next_arrival_) + kReceivedAfter <= now; ++next_arrival_) {
-      if (!has_frames) continue;
+      if (!has_frames || readings.arrival_count == Readings::kMaxArrivals) continue;
       FrameArrival& arrival = readings.arrivals[readings.arrival_count++];
       arrival.frame = next_arrival_;
       arrival.t_exposure = t_exposure(next_arrival_);
