@@ -28,7 +28,7 @@ static_assert(OwnsNothing<FrameArrival>);
 constexpr safety::Duration kPeriod = std::chrono::milliseconds(1);
 
 class ControlStep : public ::testing::Test {
- protected:
+ public:
   /// One cycle at 1 kHz; `spoil` may change the readings first.
   template <typename Spoil>
   ControlOutput cycle(Spoil spoil) {

@@ -15,7 +15,7 @@ using std::filesystem::path;
 
 /// A machine as proc and sys would show it.
 class Doctor : public ::testing::Test {
- protected:
+ public:
   void SetUp() override {
     root = path(::testing::TempDir()) / ("doctor_" + std::to_string(getpid()));
     write("proc/sys/kernel/version", "#1 SMP PREEMPT_RT Debian");

@@ -238,7 +238,7 @@ TEST(PoseFilter, AveragingNeverClaimsMoreThanTheNewestEstimate) {
 }
 
 class RunningFilter : public ::testing::Test {
- protected:
+ public:
   void SetUp() override {
     for (; frame < 30; ++frame) correct(moved(Vector3d::Zero()));
     --frame;
