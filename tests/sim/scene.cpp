@@ -7,8 +7,10 @@
 
 #include <Eigen/LU>
 #include <fmt/core.h>
+#include <immintrin.h>
 #include <opencv2/imgproc.hpp>
 
+#include "bridge/pixel_conversion.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::sim {
@@ -28,6 +30,18 @@ void spline_weights(double f, float* weights) {
   weights[1] = static_cast<float>((3 * f * f * f - 6 * f * f + 4) / 6);
   weights[2] = static_cast<float>((3 * g * g * g - 6 * g * g + 4) / 6);
   weights[3] = static_cast<float>(f * f * f / 6);
+}
+
+// The same weights, evaluated as four polynomials side by side.
+inline __m128 spline_lanes(float f) {
+  const __m128 c0 = _mm_setr_ps(1.0F / 6, 4.0F / 6, 1.0F / 6, 0);
+  const __m128 c1 = _mm_setr_ps(-0.5F, 0, 0.5F, 0);
+  const __m128 c2 = _mm_setr_ps(0.5F, -1, 0.5F, 0);
+  const __m128 c3 = _mm_setr_ps(-1.0F / 6, 0.5F, -0.5F, 1.0F / 6);
+  const __m128 t = _mm_set1_ps(f);
+  __m128 w = _mm_add_ps(c2, _mm_mul_ps(t, c3));
+  w = _mm_add_ps(c1, _mm_mul_ps(t, w));
+  return _mm_add_ps(c0, _mm_mul_ps(t, w));
 }
 
 cv::Mat octave(int width, int height, int cell_px, cv::RNG& random) {
@@ -63,6 +77,7 @@ Scene::Scene(const SceneParameters& parameters)
   std::normal_distribution<float> normal;
   noise_.resize(kNoiseSize);
   for (float& value : noise_) value = normal(generator);
+  for (int i = 0; i < parameters.width_px; ++i) alternating_.push_back(i % 2 == 0 ? 1.0F : -1.0F);
 }
 
 double Scene::focal_px() const noexcept {
@@ -141,174 +156,189 @@ void Scene::filter_row(int y, int x0, int n, const float* weights, float* out) c
 }
 
 // Pure translation: one set of weights for all pixels, each texture row filtered once.
-void Scene::translated_rows(const Eigen::Vector2d& shift_px, const cv::Rect& region) {
+void Scene::begin_translation(const Eigen::Vector2d& shift_px, const cv::Rect& region) {
   const double x = region.x - shift_px.x() + margin_px_, y = region.y - shift_px.y() + margin_px_;
-  const int x0 = static_cast<int>(std::floor(x)), y0 = static_cast<int>(std::floor(y));
-  float wx[4], wy[4];
-  spline_weights(x - x0, wx);
-  spline_weights(y - y0, wy);
-  const int n = region.width;
-  std::vector<float> ring(static_cast<std::size_t>(n) * 4);
-  const auto slot = [&](int row) { return ring.data() + static_cast<std::ptrdiff_t>(row & 3) * n; };
-  for (int row = -1; row <= 1; ++row) filter_row(y0 + row, x0, n, wx, slot(row));
-  for (int row = 0; row < region.height; ++row) {
-    filter_row(y0 + row + 2, x0, n, wx, slot(row + 2));
-    const float *r0 = slot(row - 1), *r1 = slot(row), *r2 = slot(row + 1), *r3 = slot(row + 2);
-    float* out = light_.data() + static_cast<std::ptrdiff_t>(row) * n;
-    for (int i = 0; i < n; ++i)
-      out[i] = wy[0] * r0[i] + wy[1] * r1[i] + wy[2] * r2[i] + wy[3] * r3[i];
+  x0_ = static_cast<int>(std::floor(x));
+  y0_ = static_cast<int>(std::floor(y));
+  spline_weights(x - x0_, wx_);
+  spline_weights(y - y0_, wy_);
+  ring_.resize(static_cast<std::size_t>(region.width) * 4);
+  for (int row = -1; row <= 1; ++row)
+    filter_row(y0_ + row, x0_, region.width, wx_, ring_row(row, region.width));
+}
+
+void Scene::translated_row(int row, int n) {
+  filter_row(y0_ + row + 2, x0_, n, wx_, ring_row(row + 2, n));
+  const float *r0 = ring_row(row - 1, n), *r1 = ring_row(row, n), *r2 = ring_row(row + 1, n),
+              *r3 = ring_row(row + 2, n);
+  const float a = wy_[0], b = wy_[1], c = wy_[2], d = wy_[3];
+  float* out = light_.data();
+  for (int i = 0; i < n; ++i) out[i] = a * r0[i] + b * r1[i] + c * r2[i] + d * r3[i];
+}
+
+float* Scene::ring_row(int row, int n) noexcept {
+  return ring_.data() + static_cast<std::ptrdiff_t>(row & 3) * n;
+}
+
+// Any rigid pose: each pixel's own sixteen coefficients. Four lanes: first down the four columns,
+// then across.
+void Scene::homography_row(const Eigen::Matrix3d& H_texture_image, int row,
+                           const cv::Rect& region) {
+  const Eigen::Vector3d step = H_texture_image.col(0);
+  const Eigen::Vector3d start = H_texture_image * Eigen::Vector3d(region.x, region.y + row, 1);
+  for (int column = 0; column < region.width; ++column) {
+    const double scale = 1 / (start.z() + column * step.z());
+    const double x = std::clamp((start.x() + column * step.x()) * scale, 2.0, texture_width_ - 4.0);
+    const double y =
+        std::clamp((start.y() + column * step.y()) * scale, 2.0, texture_height_ - 4.0);
+    const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
+    const __m128 wy = spline_lanes(static_cast<float>(y - y0));
+    const float* r0 = texture_row(y0 - 1) + x0 - 1;
+    const float *r1 = r0 + texture_width_, *r2 = r1 + texture_width_, *r3 = r2 + texture_width_;
+    const __m128 upper = _mm_add_ps(_mm_mul_ps(_mm_shuffle_ps(wy, wy, 0x00), _mm_loadu_ps(r0)),
+                                    _mm_mul_ps(_mm_shuffle_ps(wy, wy, 0x55), _mm_loadu_ps(r1)));
+    const __m128 lower = _mm_add_ps(_mm_mul_ps(_mm_shuffle_ps(wy, wy, 0xAA), _mm_loadu_ps(r2)),
+                                    _mm_mul_ps(_mm_shuffle_ps(wy, wy, 0xFF), _mm_loadu_ps(r3)));
+    const __m128 wx = spline_lanes(static_cast<float>(x - x0));
+    light_[static_cast<std::size_t>(column)] =
+        _mm_cvtss_f32(_mm_dp_ps(_mm_add_ps(upper, lower), wx, 0xF1));
   }
 }
 
-// Any rigid pose: each pixel's own sixteen coefficients.
-void Scene::homography_rows(const Eigen::Matrix3d& H_texture_image, const cv::Rect& region) {
-  for (int row = 0; row < region.height; ++row) {
-    float* out = light_.data() + static_cast<std::ptrdiff_t>(row) * region.width;
-    for (int column = 0; column < region.width; ++column) {
-      const Eigen::Vector3d p =
-          H_texture_image * Eigen::Vector3d(region.x + column, region.y + row, 1);
-      const double x = std::clamp(p.x() / p.z(), 2.0, texture_width_ - 4.0);
-      const double y = std::clamp(p.y() / p.z(), 2.0, texture_height_ - 4.0);
-      const int x0 = static_cast<int>(x), y0 = static_cast<int>(y);
-      float wx[4], wy[4], sum = 0;
-      spline_weights(x - x0, wx);
-      spline_weights(y - y0, wy);
-      const float* from = texture_row(y0 - 1) + x0 - 1;
-      for (int k = 0; k < 4; ++k, from += texture_width_)
-        sum += wy[k] * (wx[0] * from[0] + wx[1] * from[1] + wx[2] * from[2] + wx[3] * from[3]);
-      out[column] = sum;
+void Scene::add_glints(const Eigen::Vector2d& shift_px, int row, const cv::Rect& region) {
+  for (const Glint& glint : glints_) {
+    const double x = glint.x_px + 0.5 * shift_px.x() - region.x;
+    const double dy = row - (glint.y_px + 0.5 * shift_px.y() - region.y);
+    const double reach = 3 * glint.radius_px;
+    if (std::abs(dy) > reach) continue;
+    const int begin = std::max(0, static_cast<int>(x - reach));
+    const int end = std::min(region.width, static_cast<int>(x + reach));
+    for (int column = begin; column < end; ++column) {
+      const double d2 = (column - x) * (column - x) + dy * dy;
+      light_[static_cast<std::size_t>(column)] +=
+          static_cast<float>(400 * std::exp(-2 * d2 / (glint.radius_px * glint.radius_px)));
     }
   }
 }
 
-void Scene::add_glints(const Eigen::Vector2d& shift_px, const cv::Rect& region) {
-  for (const Glint& glint : glints_) {
-    const double x = glint.x_px + 0.5 * shift_px.x() - region.x;
-    const double y = glint.y_px + 0.5 * shift_px.y() - region.y;
-    const int reach = static_cast<int>(3 * glint.radius_px);
-    for (int row = std::max(0, static_cast<int>(y) - reach);
-         row < std::min(region.height, static_cast<int>(y) + reach); ++row)
-      for (int column = std::max(0, static_cast<int>(x) - reach);
-           column < std::min(region.width, static_cast<int>(x) + reach); ++column) {
-        const double d2 = (column - x) * (column - x) + (row - y) * (row - y);
-        light_[static_cast<std::size_t>(row * region.width + column)] +=
-            static_cast<float>(400 * std::exp(-d2 / (0.5 * glint.radius_px * glint.radius_px)));
-      }
-  }
-}
-
-void Scene::occlude(const cv::Rect& region) {
-  for (int row = 0; row < region.height; ++row) {
-    const float* glove = occluder_.data() +
-                         static_cast<std::ptrdiff_t>(row + region.y) * parameters_.width_px +
-                         region.x;
-    float* out = light_.data() + static_cast<std::ptrdiff_t>(row) * region.width;
-    for (int i = 0; i < region.width; ++i) out[i] = glove[i] >= 0 ? glove[i] : out[i];
-  }
+void Scene::occlude(int row, const cv::Rect& region) {
+  const float* glove = occluder_.data() +
+                       static_cast<std::ptrdiff_t>(row + region.y) * parameters_.width_px +
+                       region.x;
+  float* out = light_.data();
+  for (int i = 0; i < region.width; ++i) out[i] = glove[i] >= 0 ? glove[i] : out[i];
 }
 
 namespace {
 
 template <typename Sample>
-void quantise(const float* from, std::ptrdiff_t stride, int n, float scale, float highest,
-              Sample* out) {
+void quantise(const float* from, int n, float scale, float highest, Sample* out) {
   for (int i = 0; i < n; ++i) {
     const float value = from[i] * scale + 0.5F;
-    const float bounded = value < 0 ? 0 : (value > highest ? highest : value);
-    out[i * stride] = static_cast<Sample>(static_cast<int>(bounded));
+    const float positive = value > 0 ? value : 0;
+    const float bounded = positive < highest ? positive : highest;
+    out[i] = static_cast<Sample>(static_cast<int>(bounded));
   }
 }
 
-// What each pixel of a mosaic's row sees, in the order of its columns.
-void mosaic_gains(PixelFormat format, int row, float* gains) {
+// What the pixels of a mosaic's row see, in the order of the sensor's columns.
+std::pair<float, float> mosaic_gains(PixelFormat format, int row) {
   const bool odd = (row & 1) != 0;
   switch (format) {
     case PixelFormat::bayer_rg8:
-      gains[0] = odd ? kGreen : kRed, gains[1] = odd ? kBlue : kGreen;
-      return;
+      return odd ? std::pair{kGreen, kBlue} : std::pair{kRed, kGreen};
     case PixelFormat::bayer_gb8:
-      gains[0] = odd ? kRed : kGreen, gains[1] = odd ? kGreen : kBlue;
-      return;
+      return odd ? std::pair{kRed, kGreen} : std::pair{kGreen, kBlue};
     case PixelFormat::bayer_gr8:
-      gains[0] = odd ? kBlue : kGreen, gains[1] = odd ? kGreen : kRed;
-      return;
-    default:  // bayer_bg8
-      gains[0] = odd ? kGreen : kBlue, gains[1] = odd ? kRed : kGreen;
-      return;
+      return odd ? std::pair{kBlue, kGreen} : std::pair{kGreen, kRed};
+    case PixelFormat::bayer_bg8:
+      return odd ? std::pair{kGreen, kRed} : std::pair{kBlue, kGreen};
+    default:
+      return {1, 1};
   }
 }
 
 }  // namespace
 
-void Scene::write(const View& view, PixelFormat format, const cv::Rect& region,
-                  std::uint8_t* pixels) {
-  const int n = region.width;
+// One row of light through a filter, with noise, into `noisy_`.
+void Scene::expose_row(const float* light, std::pair<float, float> gains, bool has_noise, int n) {
   const auto read2 = static_cast<float>(parameters_.read_noise_dn * parameters_.read_noise_dn);
   const auto shot2 = static_cast<float>(parameters_.shot_noise_dn * parameters_.shot_noise_dn);
-  const auto expose = [&](const float* light, float even_gain, float odd_gain) {
-    const float* noise = noise_.data() + random_() % (kNoiseSize - static_cast<std::size_t>(n));
-    const float gains[2] = {even_gain, odd_gain};
-    for (int i = 0; i < n; ++i) {
-      const float value = light[i] * (i & 1 ? gains[1] : gains[0]);
-      const float sigma = view.has_noise ? std::sqrt(read2 + shot2 * value) : 0.0F;
-      noisy_[static_cast<std::size_t>(i)] = value + sigma * noise[i];
-    }
-  };
-  for (int row = 0; row < region.height; ++row) {
-    const float* light = light_.data() + static_cast<std::ptrdiff_t>(row) * n;
-    const auto at = [&](int bytes_per_px) {
-      return pixels + static_cast<std::ptrdiff_t>(row) * n * bytes_per_px;
-    };
-    if (format == PixelFormat::mono8) {
-      expose(light, 1, 1);
-      quantise(noisy_.data(), 1, n, 1, 255, at(1));
-    } else if (format == PixelFormat::mono12) {
-      expose(light, 1, 1);
-      quantise(noisy_.data(), 1, n, 16, 4095, reinterpret_cast<std::uint16_t*>(at(2)));  // NOLINT
-    } else if (format == PixelFormat::rgb8 || format == PixelFormat::bgr8) {
-      const float gains[3] = {kBlue, kGreen, kRed};
-      for (std::ptrdiff_t channel = 0; channel < 3; ++channel) {
-        expose(light, gains[channel], gains[channel]);
-        quantise(noisy_.data(), 3, n, 1, 255,
-                 at(3) + (format == PixelFormat::bgr8 ? channel : 2 - channel));
-      }
-    } else {
-      float gains[2];
-      mosaic_gains(format, row + region.y, gains);
-      if ((region.x & 1) != 0) std::swap(gains[0], gains[1]);
-      expose(light, gains[0], gains[1]);
-      quantise(noisy_.data(), 1, n, 1, 255, at(1));
-    }
+  const float* noise = noise_.data() + random_() % (kNoiseSize - static_cast<std::size_t>(n));
+  const float amount = has_noise ? 1.0F : 0.0F;
+  const float mean = (gains.first + gains.second) / 2, half = (gains.first - gains.second) / 2;
+  float* out = noisy_.data();
+  const float* sign = alternating_.data();  // +1, -1, +1...
+  for (int i = 0; i < n; ++i) {
+    const float value = light[i] * (mean + sign[i] * half);
+    out[i] = value + amount * std::sqrt(read2 + shot2 * value) * noise[i];
   }
+}
+
+void Scene::write_colour_row(const float* light, bool has_noise, int n, bool is_bgr,
+                             std::uint8_t* out) {
+  const float gains[3] = {is_bgr ? kBlue : kRed, kGreen, is_bgr ? kRed : kBlue};
+  cv::Mat planes[3];
+  for (std::size_t channel = 0; channel < 3; ++channel) {
+    std::uint8_t* plane = planes_.data() + channel * static_cast<std::size_t>(n);
+    expose_row(light, {gains[channel], gains[channel]}, has_noise, n);
+    quantise(noisy_.data(), n, 1, 255, plane);
+    planes[channel] = cv::Mat(1, n, CV_8UC1, plane);
+  }
+  cv::Mat merged(1, n, CV_8UC3, out);
+  cv::merge(planes, 3, merged);
+}
+
+void Scene::write_row(const View& view, PixelFormat format, int row, const cv::Rect& region,
+                      std::uint8_t* out) {
+  const int n = region.width;
+  if (format == PixelFormat::rgb8 || format == PixelFormat::bgr8) {
+    write_colour_row(light_.data(), view.has_noise, n, format == PixelFormat::bgr8, out);
+    return;
+  }
+  auto gains = mosaic_gains(format, row + region.y);
+  if ((region.x & 1) != 0) std::swap(gains.first, gains.second);
+  expose_row(light_.data(), gains, view.has_noise, n);
+  if (format == PixelFormat::mono12)
+    quantise(noisy_.data(), n, 16, 4095, reinterpret_cast<std::uint16_t*>(out));  // NOLINT
+  else
+    quantise(noisy_.data(), n, 1, 255, out);
+}
+
+// A point of the plane n . X = depth, n = (0, 0, 1): image = K (R + t n^T / depth) K^-1 keyframe.
+Eigen::Matrix3d Scene::texture_from_image(const SitePose& T_camera_site) const {
+  Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
+  K(0, 0) = K(1, 1) = focal_px();
+  K.topRightCorner<2, 1>() = principal_point_px();
+  Eigen::Matrix3d motion = T_camera_site.q.toRotationMatrix();
+  motion.col(2) += T_camera_site.t_mm / parameters_.depth_mm;
+  Eigen::Matrix3d margin = Eigen::Matrix3d::Identity();
+  margin(0, 2) = margin(1, 2) = margin_px_;
+  return margin * (K * motion * K.inverse()).inverse();
 }
 
 void Scene::render(const SitePose& T_camera_site, const View& view, PixelFormat format,
                    const cv::Rect& region, std::uint8_t* pixels) {
-  const auto n = static_cast<std::size_t>(region.area());
+  const auto n = static_cast<std::size_t>(region.width);
   light_.resize(n);
-  noisy_.resize(static_cast<std::size_t>(region.width));
-  const double f = focal_px();
-  const Eigen::Vector2d shift_px = T_camera_site.t_mm.head<2>() * f / parameters_.depth_mm;
+  noisy_.resize(n);
+  planes_.resize(3 * n);
+  const Eigen::Vector2d shift_px = T_camera_site.t_mm.head<2>() * focal_px() / parameters_.depth_mm;
   const bool is_translation = T_camera_site.t_mm.z() == 0 && T_camera_site.q.vec().isZero(0);
-  if (view.is_dark) {
-    std::fill(light_.begin(), light_.end(), kDarkLevel);
-  } else if (is_translation) {
-    translated_rows(shift_px, region);
-  } else {
-    // A point of the plane n . X = depth, n = (0, 0, 1): image = K (R + t n^T / depth) K^-1
-    // keyframe.
-    Eigen::Matrix3d K = Eigen::Matrix3d::Identity();
-    K(0, 0) = K(1, 1) = f;
-    K.topRightCorner<2, 1>() = principal_point_px();
-    Eigen::Matrix3d motion = T_camera_site.q.toRotationMatrix();
-    motion.col(2) += T_camera_site.t_mm / parameters_.depth_mm;
-    Eigen::Matrix3d margin = Eigen::Matrix3d::Identity();
-    margin(0, 2) = margin(1, 2) = margin_px_;
-    homography_rows(margin * (K * motion * K.inverse()).inverse(), region);
+  const Eigen::Matrix3d H_texture_image = texture_from_image(T_camera_site);
+  if (is_translation) begin_translation(shift_px, region);
+  const std::size_t stride = bridge::row_bytes(format, region.width);
+  for (int row = 0; row < region.height; ++row) {
+    if (view.is_dark)
+      std::fill(light_.begin(), light_.end(), kDarkLevel);
+    else if (is_translation)
+      translated_row(row, region.width);
+    else
+      homography_row(H_texture_image, row, region);
+    if (!view.is_dark) add_glints(shift_px, row, region);
+    if (!view.is_dark && view.is_occluded) occlude(row, region);
+    write_row(view, format, row, region, pixels + static_cast<std::size_t>(row) * stride);
   }
-  if (!view.is_dark) add_glints(shift_px, region);
-  if (!view.is_dark && view.is_occluded) occlude(region);
-  write(view, format, region, pixels);
 }
 
 }  // namespace holdfast::sim

@@ -6,7 +6,7 @@
 
 #include <cstdint>
 #include <random>
-#include <string>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Core>
@@ -53,12 +53,17 @@ class Scene {
   void make_glints();
   [[nodiscard]] const float* texture_row(int y) const noexcept;
   void filter_row(int y, int x0, int n, const float* weights, float* out) const noexcept;
-  void translated_rows(const Eigen::Vector2d& shift_px, const cv::Rect& region);
-  void homography_rows(const Eigen::Matrix3d& H_texture_image, const cv::Rect& region);
-  void add_glints(const Eigen::Vector2d& shift_px, const cv::Rect& region);
-  void occlude(const cv::Rect& region);
-  void write(const View& view, bridge::PixelFormat format, const cv::Rect& region,
-             std::uint8_t* pixels);
+  void begin_translation(const Eigen::Vector2d& shift_px, const cv::Rect& region);
+  void translated_row(int row, int n);
+  [[nodiscard]] float* ring_row(int row, int n) noexcept;
+  [[nodiscard]] Eigen::Matrix3d texture_from_image(const SitePose& T_camera_site) const;
+  void homography_row(const Eigen::Matrix3d& H_texture_image, int row, const cv::Rect& region);
+  void add_glints(const Eigen::Vector2d& shift_px, int row, const cv::Rect& region);
+  void occlude(int row, const cv::Rect& region);
+  void write_row(const View& view, bridge::PixelFormat format, int row, const cv::Rect& region,
+                 std::uint8_t* out);
+  void expose_row(const float* light, std::pair<float, float> gains, bool has_noise, int n);
+  void write_colour_row(const float* light, bool has_noise, int n, bool is_bgr, std::uint8_t* out);
 
   SceneParameters parameters_;
   int margin_px_ = 0, texture_width_ = 0, texture_height_ = 0;
@@ -66,8 +71,14 @@ class Scene {
   std::vector<float> occluder_;  // the sensor's size, DN of 255; below 0: see-through
   std::vector<float> noise_;     // normal deviates
   std::vector<Glint> glints_;
-  std::vector<float> light_;  // the rendered region before noise, DN of 255
-  std::vector<float> noisy_;  // one row
+  std::vector<float> alternating_;  // +1, -1, +1...
+  // One frame's constants and one row at a time.
+  int x0_ = 0, y0_ = 0;
+  float wx_[4] = {}, wy_[4] = {};
+  std::vector<float> ring_;   // four texture rows, filtered along x
+  std::vector<float> light_;  // before noise, DN of 255
+  std::vector<float> noisy_;
+  std::vector<std::uint8_t> planes_;  // three channels
   std::minstd_rand random_;
 };
 

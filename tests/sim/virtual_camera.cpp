@@ -270,7 +270,7 @@ Faults VirtualCamera::Device::faults_of_this_exposure() {
 
 void VirtualCamera::Device::set_lost_share(double share) {
   const std::lock_guard lock(device_mutex_);
-  if (camera_ != nullptr) g_object_set(camera_, "gvsp-lost-packet-ratio", share, nullptr);
+  if (camera_ != nullptr) g_object_set(camera_, "gvsp-lost-ratio", share, nullptr);
 }
 
 // A client may have written another frame rate.
