@@ -49,12 +49,12 @@ void sample(const cv::Mat& texture, double u, double v, float* out) {
   std::fill(out, out + Channels, 0.0F);
   for (int j = 0; j < kTaps; ++j) {
     const float* row = texture.ptr<float>(std::clamp(y + j, 0, texture.rows - 1));
-    float sums[Channels] = {};
+    std::array<float, 3> sums{};
     for (int i = 0; i < kTaps; ++i) {
       const float* p = row + std::clamp(x + i, 0, texture.cols - 1) * Channels;
-      for (int c = 0; c < Channels; ++c) sums[c] += wx[static_cast<std::size_t>(i)] * p[c];
+      for (std::size_t c = 0; c < Channels; ++c) sums[c] += wx[static_cast<std::size_t>(i)] * p[c];
     }
-    for (int c = 0; c < Channels; ++c) out[c] += wy[static_cast<std::size_t>(j)] * sums[c];
+    for (std::size_t c = 0; c < Channels; ++c) out[c] += wy[static_cast<std::size_t>(j)] * sums[c];
   }
 }
 
