@@ -9,7 +9,6 @@
 #include <sys/random.h>
 
 #include "rt/core/error.hpp"
-#include "safety/crc32c.hpp"
 
 namespace holdfast::bridge::dds {
 namespace {
@@ -24,17 +23,6 @@ std::uint32_t whole_microseconds(std::chrono::nanoseconds validity) noexcept {
   const auto us = std::chrono::duration_cast<std::chrono::microseconds>(validity).count();
   using Limits = std::numeric_limits<std::uint32_t>;
   return static_cast<std::uint32_t>(std::clamp<std::int64_t>(us, 0, Limits::max()));
-}
-
-safety::Protection received(const msg::Protection& p) noexcept {
-  return {.version = p.version,
-          .data_id = static_cast<safety::DataId>(p.data_id),
-          .source = p.source,
-          .counter = p.counter,
-          .t_monotonic_ns = p.t_monotonic_ns,
-          .t_utc_ns = p.t_utc_ns,
-          .validity_us = p.validity_us,
-          .crc32c = p.crc32c};
 }
 
 }  // namespace
@@ -54,42 +42,27 @@ std::uint32_t random_source() {
   return source;
 }
 
-template <msg::Message M>
-std::uint32_t canonical_crc(const M& message) noexcept {
-  return safety::crc32c(CanonicalBytes<M>(message).bytes());
+msg::Protection make_protection(safety::DataId data_id, std::uint32_t source, std::uint32_t counter,
+                                std::chrono::nanoseconds validity, Clocks now) noexcept {
+  return {.version = safety::kProtectionVersion,
+          .data_id = static_cast<std::uint8_t>(data_id),
+          .source = source,
+          .counter = counter,
+          .t_monotonic_ns = now.monotonic.count(),
+          .t_utc_ns = now.utc.count(),
+          .validity_us = whole_microseconds(validity),
+          .crc32c = 0};
 }
 
-template <msg::Message M>
-void protect(M& message, std::uint32_t source, std::uint32_t counter,
-             std::chrono::nanoseconds validity, Clocks now) noexcept {
-  message.protection = {.version = safety::kProtectionVersion,
-                        .data_id = static_cast<std::uint8_t>(Topic<M>::policy().data_id),
-                        .source = source,
-                        .counter = counter,
-                        .t_monotonic_ns = now.monotonic.count(),
-                        .t_utc_ns = now.utc.count(),
-                        .validity_us = whole_microseconds(validity),
-                        .crc32c = 0};
-  message.protection.crc32c = canonical_crc(message);
+safety::Protection received(const msg::Protection& p) noexcept {
+  return {.version = p.version,
+          .data_id = static_cast<safety::DataId>(p.data_id),
+          .source = p.source,
+          .counter = p.counter,
+          .t_monotonic_ns = p.t_monotonic_ns,
+          .t_utc_ns = p.t_utc_ns,
+          .validity_us = p.validity_us,
+          .crc32c = p.crc32c};
 }
-
-template <msg::Message M>
-safety::Verdict check(const M& message, safety::Receiver& receiver, Clocks now) noexcept {
-  return receiver.check(received(message.protection), canonical_crc(message), now.monotonic,
-                        now.utc);
-}
-
-#define HOLDFAST_INSTANTIATE(M)                                                     \
-  template std::uint32_t canonical_crc(const M&) noexcept;                          \
-  template void protect(M&, std::uint32_t, std::uint32_t, std::chrono::nanoseconds, \
-                        Clocks) noexcept;                                           \
-  template safety::Verdict check(const M&, safety::Receiver&, Clocks) noexcept;
-HOLDFAST_INSTANTIATE(msg::CompensatedPose)
-HOLDFAST_INSTANTIATE(msg::MotionStop)
-HOLDFAST_INSTANTIATE(msg::TrackingHealth)
-HOLDFAST_INSTANTIATE(msg::RegistrationInfo)
-HOLDFAST_INSTANTIATE(msg::RobotStatus)
-HOLDFAST_INSTANTIATE(msg::OperatorCommand)
-#undef HOLDFAST_INSTANTIATE
 
 }  // namespace holdfast::bridge::dds

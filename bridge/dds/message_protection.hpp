@@ -16,6 +16,7 @@
 
 #include "bridge/dds/message_fields.hpp"
 #include "bridge/dds/topics.hpp"
+#include "safety/crc32c.hpp"
 #include "safety/end_to_end.hpp"
 
 namespace holdfast::bridge::dds {
@@ -36,7 +37,7 @@ template <msg::Message M>
 class CanonicalBytes {
  public:
   explicit CanonicalBytes(const M& message) noexcept {
-    msg::for_each_field(message, [this](const auto& field) { append(field); });
+    msg::for_each_field(message, [this](const auto& field) { this->append(field); });
   }
   [[nodiscard]] std::span<const std::byte> bytes() const noexcept {
     return std::span(bytes_).first(size_);
@@ -69,16 +70,32 @@ class CanonicalBytes {
 };
 
 template <msg::Message M>
-[[nodiscard]] std::uint32_t canonical_crc(const M& message) noexcept;
+[[nodiscard]] std::uint32_t canonical_crc(const M& message) noexcept {
+  return safety::crc32c(CanonicalBytes<M>(message).bytes());
+}
+
+/// A message's protection before its CRC is known.
+[[nodiscard]] msg::Protection make_protection(safety::DataId data_id, std::uint32_t source,
+                                              std::uint32_t counter,
+                                              std::chrono::nanoseconds validity,
+                                              Clocks now) noexcept;
+/// The same as safety/ knows it.
+[[nodiscard]] safety::Protection received(const msg::Protection& protection) noexcept;
 
 /// Fills in `message.protection`, CRC last: the message must not change any more.
 template <msg::Message M>
 void protect(M& message, std::uint32_t source, std::uint32_t counter,
-             std::chrono::nanoseconds validity, Clocks now) noexcept;
+             std::chrono::nanoseconds validity, Clocks now) noexcept {
+  message.protection = make_protection(Topic<M>::policy().data_id, source, counter, validity, now);
+  message.protection.crc32c = canonical_crc(message);
+}
 
 /// Checks a received message against the receiver's memory.
 template <msg::Message M>
 [[nodiscard]] safety::Verdict check(const M& message, safety::Receiver& receiver,
-                                    Clocks now) noexcept;
+                                    Clocks now) noexcept {
+  return receiver.check(received(message.protection), canonical_crc(message), now.monotonic,
+                        now.utc);
+}
 
 }  // namespace holdfast::bridge::dds

@@ -47,10 +47,10 @@ void put_motion(const perception::MotionEstimate& estimate, msg::TrackingHealth&
 }
 
 void put_no_motion(msg::TrackingHealth& m) noexcept {
-  constexpr double unknown = std::numeric_limits<double>::quiet_NaN();
-  m.reprojection_rms_px = m.dx_um = m.dy_um = m.rotation_rad = m.scale = m.drift_um = unknown;
-  std::ranges::fill(m.site_translation_mm, unknown);
-  std::ranges::fill(m.site_rotation_xyzw, unknown);
+  constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  m.reprojection_rms_px = m.dx_um = m.dy_um = m.rotation_rad = m.scale = m.drift_um = kUnknown;
+  std::ranges::fill(m.site_translation_mm, kUnknown);
+  std::ranges::fill(m.site_rotation_xyzw, kUnknown);
 }
 
 }  // namespace
@@ -136,9 +136,9 @@ safety::RobotInput to_input(const msg::RobotStatus& status, safety::Timestamp t_
 }
 
 safety::OperatorInput to_input(const msg::OperatorCommand& command) noexcept {
-  constexpr auto last = static_cast<std::uint8_t>(safety::Command::confirm);
-  const auto code = command.command <= last ? static_cast<safety::Command>(command.command)
-                                            : safety::Command::stop;
+  constexpr auto kLast = static_cast<std::uint8_t>(safety::Command::confirm);
+  const auto code = command.command <= kLast ? static_cast<safety::Command>(command.command)
+                                             : safety::Command::stop;
   return {.command = code, .stop_id = command.stop_id};
 }
 

@@ -8,7 +8,7 @@ namespace {
 
 using std::chrono::milliseconds;
 using std::chrono::seconds;
-constexpr std::chrono::nanoseconds off{0};
+constexpr std::chrono::nanoseconds kOff{0};
 
 // Common to all topics, set in endpoint.cpp:
 //   ownership SHARED       EXCLUSIVE would silently pick one of two writers; a second one must
@@ -16,7 +16,7 @@ constexpr std::chrono::nanoseconds off{0};
 //   else does not match readers with the default. autodispose off        a writer that ends makes
 //   no sample: silence is the signal. destination order      by reception: sender clocks decide
 //   nothing inside the middleware.
-constexpr std::array<TopicPolicy, 6> policies{{
+constexpr std::array<TopicPolicy, 6> kPolicies{{
     {.name = "holdfast/compensated_pose",
      .data_id = safety::DataId::compensated_pose,
      .validity = milliseconds(15),
@@ -24,9 +24,9 @@ constexpr std::array<TopicPolicy, 6> policies{{
      .durability = Durability::none,           // an old pose must never reach a late joiner
      .writer_depth = 1,                        // only the newest pose means anything
      .reader_depth = 64,            // 64 ms at 1 kHz: a slow poller still sees every counter
-     .deadline = off,               // its absence is normal whenever motion is not permitted
+     .deadline = kOff,              // its absence is normal whenever motion is not permitted
      .lifespan = milliseconds(20),  // the longest validity: older ones leave unread caches too
-     .liveliness_lease = off},      // motion_stop carries the heartbeat
+     .liveliness_lease = kOff},     // motion_stop carries the heartbeat
     {.name = "holdfast/motion_stop",
      .data_id = safety::DataId::motion_stop,
      .validity = milliseconds(20),          // two heartbeats of 10 ms
@@ -35,7 +35,7 @@ constexpr std::array<TopicPolicy, 6> policies{{
      .writer_depth = 8,                     // a burst of changes survives one lost packet, in order
      .reader_depth = 64,                    // every change is seen even by a slow poller
      .deadline = milliseconds(20),          // reported as an event; the authority is the age check
-     .lifespan = off,                       // a stop does not stop being one by waiting
+     .lifespan = kOff,                      // a stop does not stop being one by waiting
      .liveliness_lease = milliseconds(100)},  // asserted by the writes themselves: a hung publisher
                                               // loses it though its process lives
     {.name = "holdfast/tracking_health",
@@ -46,8 +46,8 @@ constexpr std::array<TopicPolicy, 6> policies{{
      .writer_depth = 1,                        // as above
      .reader_depth = 16,                       // half a second of frames at 30/s
      .deadline = milliseconds(200),            // two periods of the slowest allowed rate
-     .lifespan = off,                          // an old picture of health, stamped, still informs
-     .liveliness_lease = off},                 // motion_stop carries the heartbeat
+     .lifespan = kOff,                         // an old picture of health, stamped, still informs
+     .liveliness_lease = kOff},                // motion_stop carries the heartbeat
     {.name = "holdfast/registration_info",
      .data_id = safety::DataId::registration_info,
      .validity = std::chrono::hours(1),
@@ -55,9 +55,9 @@ constexpr std::array<TopicPolicy, 6> policies{{
      .durability = Durability::writer,      // late joiners must learn it
      .writer_depth = 1,                     // one registration holds at a time
      .reader_depth = 1,                     // as above
-     .deadline = off,                       // may never change
-     .lifespan = off,                       // holds until withdrawn
-     .liveliness_lease = off},              // motion_stop carries the heartbeat
+     .deadline = kOff,                      // may never change
+     .lifespan = kOff,                      // holds until withdrawn
+     .liveliness_lease = kOff},             // motion_stop carries the heartbeat
     {.name = "holdfast/robot_status",
      .data_id = safety::DataId::robot_status,
      .validity = milliseconds(100),
@@ -66,7 +66,7 @@ constexpr std::array<TopicPolicy, 6> policies{{
      .writer_depth = 8,                       // as motion_stop
      .reader_depth = 16,                      // as motion_stop, at its lower rate
      .deadline = milliseconds(100),           // two periods; the authority is robot_silence_max
-     .lifespan = off,                         // a fault does not stop being one by waiting
+     .lifespan = kOff,                        // a fault does not stop being one by waiting
      .liveliness_lease = milliseconds(200)},  // as motion_stop
     {.name = "holdfast/operator_command",
      .data_id = safety::DataId::operator_command,
@@ -75,19 +75,19 @@ constexpr std::array<TopicPolicy, 6> policies{{
      .durability = Durability::none,        // a restarted daemon must never get an old command
      .writer_depth = 8,                     // as motion_stop
      .reader_depth = 16,                    // as motion_stop
-     .deadline = off,                       // comes when a person decides
+     .deadline = kOff,                      // comes when a person decides
      .lifespan = milliseconds(500),         // the validity: a command does not act later
-     .liveliness_lease = off},              // nobody waits for an operator
+     .liveliness_lease = kOff},             // nobody waits for an operator
 }};
 
 constexpr const TopicPolicy& row(safety::DataId id) noexcept {
-  return policies.at(static_cast<std::size_t>(id) - 1);
+  return kPolicies.at(static_cast<std::size_t>(id) - 1);
 }
 
 }  // namespace
 
 std::span<const TopicPolicy> topic_policies() noexcept {
-  return policies;
+  return kPolicies;
 }
 
 #define HOLDFAST_TOPIC(M, id)                                           \

@@ -1,48 +1,17 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the publisher's and the robot's threads ask of the heap per message. malloc itself is
-// replaced in this program, so that Cyclone's own calls count.
-#include <cstddef>
-
+// What the publisher's and the robot's threads ask of the heap per message, Cyclone's part of it
+// included.
 #include <gtest/gtest.h>
 
 #include "bridge/client/client.hpp"
 #include "tests/bridge/dds_domain.hpp"
+#include "tests/bridge/heap_counter.hpp"
 #include "tests/bridge/scripted_daemon.hpp"
-
-namespace {
-thread_local long allocations = 0;
-}
-
-extern "C" {
-void* __libc_malloc(std::size_t size);
-void* __libc_calloc(std::size_t count, std::size_t size);
-void* __libc_realloc(void* memory, std::size_t size);
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-void* realloc(void* memory, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(memory, size);
-}
-}
 
 namespace holdfast::bridge::dds {
 namespace {
 
 constexpr int kMessages = 2000;
-
-template <class F>
-long allocations_in(F&& f) {
-  const long before = allocations;
-  f();
-  return allocations - before;
-}
 
 template <class M>
 ProtectedWriter<M> protected_writer(const Participant& p) {
@@ -56,7 +25,7 @@ template <class M>
 class HeapOfTopic : public testing::Test {};
 struct TypeNames {
   template <class M>
-  static std::string GetName(int) {
+  static std::string GetName(int) {  // NOLINT(readability-identifier-naming): gtest calls it
     return Topic<M>::policy().name + std::string("holdfast/").size();
   }
 };
@@ -66,14 +35,14 @@ TYPED_TEST_SUITE(HeapOfTopic, Messages, TypeNames);
 
 TEST(HeapCounter, CountsWhatCyclonesCallersAskFor) {
   EXPECT_GT(
-      allocations_in([] { const Participant p({.domain = test_domain(), .configuration = {}}); }),
+      heap_requests_in([] { const Participant p({.domain = test_domain(), .configuration = {}}); }),
       0);
 }
 
 // Cyclone 0.10.2 keeps serialised samples of up to 256 bytes for reuse; larger ones it allocates
 // and grows once in each write, on the writing thread, and frees after it.
 template <class M>
-constexpr int allocations_per_write = sizeof(M) > 256 ? 2 : 0;
+constexpr int kRequestsPerWrite = sizeof(M) > 256 ? 2 : 0;
 
 TYPED_TEST(HeapOfTopic, IsUsedByNoTakeAndByLargeWritesOnly) {
   const Participant here({.domain = test_domain(), .configuration = {}});
@@ -84,8 +53,8 @@ TYPED_TEST(HeapOfTopic, IsUsedByNoTakeAndByLargeWritesOnly) {
   long by_writes = 0, by_takes = 0;
   const auto exchange = [&] {
     for (int i = 0; i < kMessages; ++i) {
-      by_writes += allocations_in([&] { ASSERT_TRUE(writer.publish(message)); });
-      by_takes += allocations_in([&] {
+      by_writes += heap_requests_in([&] { ASSERT_TRUE(writer.publish(message)); });
+      by_takes += heap_requests_in([&] {
         while (!reader.take().empty()) {
         }
       });
@@ -94,9 +63,9 @@ TYPED_TEST(HeapOfTopic, IsUsedByNoTakeAndByLargeWritesOnly) {
   exchange();  // Cyclone's own pools fill
   by_writes = by_takes = 0;
   exchange();
-  this->RecordProperty("allocations_per_1000_writes",
+  this->RecordProperty("heap_requests_per_1000_writes",
                        static_cast<int>(by_writes * 1000 / kMessages));
-  EXPECT_EQ(by_writes, kMessages * allocations_per_write<TypeParam>);
+  EXPECT_EQ(by_writes, kMessages * kRequestsPerWrite<TypeParam>);
   EXPECT_EQ(by_takes, 0);
 }
 
@@ -112,7 +81,7 @@ TEST(HeapOfClient, IsNotUsedByPollWaitAndReport) {
   const auto cycles = [&] {
     for (int i = 0; i < kMessages; ++i) {
       daemon.permit();
-      by_robot += allocations_in([&] {
+      by_robot += heap_requests_in([&] {
         robot.wait(std::chrono::milliseconds(1));
         was_permitted = robot.poll().is_permitted() || was_permitted;
         (void)robot.report({});

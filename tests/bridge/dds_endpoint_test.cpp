@@ -36,7 +36,7 @@ template <class M>
 class EveryTopic : public testing::Test {};
 struct TypeNames {
   template <class M>
-  static std::string GetName(int) {
+  static std::string GetName(int) {  // NOLINT(readability-identifier-naming): gtest calls it
     return Topic<M>::policy().name + std::string("holdfast/").size();
   }
 };

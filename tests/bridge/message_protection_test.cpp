@@ -86,7 +86,7 @@ class MessageProtection : public testing::Test {
 
 struct TypeNames {
   template <class M>
-  static std::string GetName(int) {
+  static std::string GetName(int) {  // NOLINT(readability-identifier-naming): gtest calls it
     const std::string type = Topic<M>::descriptor().m_typename;
     return type.substr(type.rfind(':') + 1);
   }
