@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <filesystem>
 #include <fstream>
+#include <iostream>
+#include <sstream>
+#include <streambuf>
 #include <string_view>
 #include <vector>
 
@@ -39,6 +42,20 @@ bool is_truncated(std::string_view bytes) {
   return false;
 }
 
+/// OpenCV reports what it cannot decode on std::cerr before it returns: the caller's one line of
+/// error says it already.
+class QuietErrors {
+ public:
+  QuietErrors() : usual_(std::cerr.rdbuf(sink_.rdbuf())) {}
+  ~QuietErrors() { std::cerr.rdbuf(usual_); }
+  QuietErrors(const QuietErrors&) = delete;
+  QuietErrors& operator=(const QuietErrors&) = delete;
+
+ private:
+  std::ostringstream sink_;
+  std::streambuf* usual_;
+};
+
 }  // namespace
 
 cv::Mat read_image_file(const std::string& path) {
@@ -46,6 +63,7 @@ cv::Mat read_image_file(const std::string& path) {
   if (is_truncated(bytes)) throw InputError(path + ": the image is truncated");
   const cv::Mat buffer(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data());
   cv::Mat image;
+  const QuietErrors quiet;
   try {
     image = cv::imdecode(buffer, cv::IMREAD_UNCHANGED);
   } catch (const cv::Exception& e) {

@@ -11,6 +11,7 @@ namespace holdfast::bridge {
 
 /// The image as stored (no conversion but colour to BGR). Throws InputError, naming the file, when
 /// it is not there, no image, truncated (PNG, JPEG), or larger than 512 MiB.
+/// One thread at a time: std::cerr is silenced during the decoding.
 [[nodiscard]] cv::Mat read_image_file(const std::string& path);
 
 }  // namespace holdfast::bridge
