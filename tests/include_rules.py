@@ -17,6 +17,7 @@ RULES = {
     "registration": (["registration", "rt/core"],
                      [EIGEN, OPENCV, r"nlohmann/", r"openssl/", r"fmt/"]),
     "bridge/client": (["bridge", "safety", "rt/core"], [r"dds/", r"holdfast\.h$"]),
+    "bridge/client/example": ([], [r"holdfast/client\.hpp$"]),
     "bridge": (["bridge", "safety", "perception", "registration", "rt/core"],
                [EIGEN, OPENCV, r"arv\.h$", r"glib", r"dds/", r"holdfast\.h$", r"toml\+\+/", r"fmt/",
                 r"CLI/", r"nlohmann/", r"tiffio\.h$"]),

@@ -72,7 +72,7 @@ M resealed(M message) {
 }
 
 class PermissionCoreTest : public testing::Test {
- protected:
+ public:
   // Two good messages on each stream, the last ones sent and received at `t`.
   void permit(nanoseconds t) {
     for (const nanoseconds sent : {t - 1ms, t}) {
@@ -94,97 +94,97 @@ class PermissionCoreTest : public testing::Test {
   Parameters parameters;
   PermissionCore core{parameters};
   Daemon daemon;
-  static constexpr nanoseconds t0 = 100s;
+  static constexpr nanoseconds kT0 = 100s;
 };
 
 TEST_F(PermissionCoreTest, RefusesBeforeAnyMessage) {
   RecordProperty("requirement", "SR-50");
-  const auto p = core.decide(t0);
+  const auto p = core.decide(kT0);
   EXPECT_FALSE(p.is_permitted());
   EXPECT_EQ(p.refusal, Refusal::no_stop_message);
 }
 
 TEST_F(PermissionCoreTest, RefusesPosesAlone) {
   RecordProperty("requirement", "SR-50");
-  for (int i = 0; i < 10; ++i) core.take(daemon.pose(t0 + i * 1ms), at(t0 + i * 1ms));
-  EXPECT_EQ(core.decide(t0 + 9ms).refusal, Refusal::no_stop_message);
+  for (int i = 0; i < 10; ++i) core.take(daemon.pose(kT0 + i * 1ms), at(kT0 + i * 1ms));
+  EXPECT_EQ(core.decide(kT0 + 9ms).refusal, Refusal::no_stop_message);
 }
 
 TEST_F(PermissionCoreTest, RefusesPermissionAlone) {
   RecordProperty("requirement", "SR-50");
-  for (int i = 0; i < 10; ++i) core.take(daemon.permitted(t0 + i * 1ms), at(t0 + i * 1ms));
-  EXPECT_EQ(core.decide(t0 + 9ms).refusal, Refusal::no_pose);
+  for (int i = 0; i < 10; ++i) core.take(daemon.permitted(kT0 + i * 1ms), at(kT0 + i * 1ms));
+  EXPECT_EQ(core.decide(kT0 + 9ms).refusal, Refusal::no_pose);
 }
 
 TEST_F(PermissionCoreTest, PermitsOnceBothStreamsAreConsistent) {
-  core.take(daemon.permitted(t0), at(t0));
-  core.take(daemon.pose(t0), at(t0));
-  EXPECT_EQ(core.decide(t0).refusal, Refusal::no_stop_message);
-  core.take(daemon.permitted(t0 + 1ms), at(t0 + 1ms));
-  EXPECT_EQ(core.decide(t0 + 1ms).refusal, Refusal::no_pose);
-  core.take(daemon.pose(t0 + 1ms), at(t0 + 1ms));
-  const auto p = core.decide(t0 + 1ms);
+  core.take(daemon.permitted(kT0), at(kT0));
+  core.take(daemon.pose(kT0), at(kT0));
+  EXPECT_EQ(core.decide(kT0).refusal, Refusal::no_stop_message);
+  core.take(daemon.permitted(kT0 + 1ms), at(kT0 + 1ms));
+  EXPECT_EQ(core.decide(kT0 + 1ms).refusal, Refusal::no_pose);
+  core.take(daemon.pose(kT0 + 1ms), at(kT0 + 1ms));
+  const auto p = core.decide(kT0 + 1ms);
   ASSERT_TRUE(p.is_permitted());
   EXPECT_EQ(p.refusal, Refusal::none);
   EXPECT_EQ(p.pose->counter, 2U);
   EXPECT_EQ(p.pose->translation_mm[2], 200);
   EXPECT_EQ(p.pose->rotation_xyzw[3], 1);
   EXPECT_EQ(p.pose->frame, 5U);
-  EXPECT_EQ(p.pose->t_valid_until_ns, nanoseconds(t0 + 16ms).count());
+  EXPECT_EQ(p.pose->t_valid_until_ns, nanoseconds(kT0 + 16ms).count());
 }
 
 TEST_F(PermissionCoreTest, PoseExpiresWithItsValidity) {
   RecordProperty("requirement", "SR-51");
-  permit(t0);
-  EXPECT_TRUE(core.decide(t0 + 15ms).is_permitted());
-  EXPECT_EQ(core.decide(t0 + 15ms + 1ns).refusal, Refusal::pose_silent);
+  permit(kT0);
+  EXPECT_TRUE(core.decide(kT0 + 15ms).is_permitted());
+  EXPECT_EQ(core.decide(kT0 + 15ms + 1ns).refusal, Refusal::pose_silent);
 }
 
 TEST_F(PermissionCoreTest, PermissionExpiresWhenStopMessagesEnd) {
   RecordProperty("requirement", "SR-51");
-  permit(t0);
-  for (int i = 1; i <= 21; ++i) core.take(daemon.pose(t0 + i * 1ms), at(t0 + i * 1ms));
-  EXPECT_TRUE(core.decide(t0 + 20ms).is_permitted());
-  EXPECT_EQ(core.decide(t0 + 20ms).pose->t_valid_until_ns, nanoseconds(t0 + 20ms).count());
-  EXPECT_EQ(core.decide(t0 + 20ms + 1ns).refusal, Refusal::stop_silent);
+  permit(kT0);
+  for (int i = 1; i <= 21; ++i) core.take(daemon.pose(kT0 + i * 1ms), at(kT0 + i * 1ms));
+  EXPECT_TRUE(core.decide(kT0 + 20ms).is_permitted());
+  EXPECT_EQ(core.decide(kT0 + 20ms).pose->t_valid_until_ns, nanoseconds(kT0 + 20ms).count());
+  EXPECT_EQ(core.decide(kT0 + 20ms + 1ns).refusal, Refusal::stop_silent);
 }
 
 TEST_F(PermissionCoreTest, CutsALongClaimOfValidity) {
   RecordProperty("requirement", "SR-51");
-  permit(t0);
-  auto pose = daemon.pose(t0 + 1ms);
+  permit(kT0);
+  auto pose = daemon.pose(kT0 + 1ms);
   pose.protection.validity_us = 10'000'000;
-  core.take(resealed(pose), at(t0 + 1ms));
-  auto stop = daemon.permitted(t0 + 1ms);
+  core.take(resealed(pose), at(kT0 + 1ms));
+  auto stop = daemon.permitted(kT0 + 1ms);
   stop.protection.validity_us = 10'000'000;
-  core.take(resealed(stop), at(t0 + 1ms));
-  EXPECT_TRUE(core.decide(t0 + 21ms).is_permitted());
-  EXPECT_FALSE(core.decide(t0 + 21ms + 1ns).is_permitted());
+  core.take(resealed(stop), at(kT0 + 1ms));
+  EXPECT_TRUE(core.decide(kT0 + 21ms).is_permitted());
+  EXPECT_FALSE(core.decide(kT0 + 21ms + 1ns).is_permitted());
 }
 
 TEST_F(PermissionCoreTest, ADelayedPoseIsValidNoLonger) {
   RecordProperty("requirement", "SR-51");
-  permit(t0);
-  core.take(daemon.pose(t0 + 1ms), at(t0 + 11ms));
-  EXPECT_TRUE(core.decide(t0 + 16ms).is_permitted());
-  EXPECT_FALSE(core.decide(t0 + 16ms + 1ns).is_permitted());
+  permit(kT0);
+  core.take(daemon.pose(kT0 + 1ms), at(kT0 + 11ms));
+  EXPECT_TRUE(core.decide(kT0 + 16ms).is_permitted());
+  EXPECT_FALSE(core.decide(kT0 + 16ms + 1ns).is_permitted());
 }
 
 TEST_F(PermissionCoreTest, AnOldPredictionInAFreshMessageExpiresEarlier) {
   RecordProperty("requirement", "SR-51");
-  permit(t0);
-  auto pose = daemon.pose(t0 + 10ms);
-  pose.t_pose_ns = nanoseconds(t0 + 2ms).count();
-  core.take(resealed(pose), at(t0 + 10ms));
-  EXPECT_TRUE(core.decide(t0 + 17ms).is_permitted());
-  EXPECT_EQ(core.decide(t0 + 17ms + 1ns).refusal, Refusal::pose_silent);
+  permit(kT0);
+  auto pose = daemon.pose(kT0 + 10ms);
+  pose.t_pose_ns = nanoseconds(kT0 + 2ms).count();
+  core.take(resealed(pose), at(kT0 + 10ms));
+  EXPECT_TRUE(core.decide(kT0 + 17ms).is_permitted());
+  EXPECT_EQ(core.decide(kT0 + 17ms + 1ns).refusal, Refusal::pose_silent);
 }
 
 TEST_F(PermissionCoreTest, StopEndsPermissionAtOnce) {
   RecordProperty("requirement", "SR-53");
-  permit(t0);
-  core.take(daemon.stopped(t0), at(t0));
-  const auto p = core.decide(t0);
+  permit(kT0);
+  core.take(daemon.stopped(kT0), at(kT0));
+  const auto p = core.decide(kT0);
   EXPECT_EQ(p.refusal, Refusal::not_permitted);
   EXPECT_TRUE(p.stop.is_latched);
   EXPECT_EQ(p.stop.cause, 9);
@@ -193,13 +193,13 @@ TEST_F(PermissionCoreTest, StopEndsPermissionAtOnce) {
 
 TEST_F(PermissionCoreTest, ThePoseFromBeforeAStopIsNotUsedAfterIt) {
   RecordProperty("requirement", "SR-53");
-  permit(t0);
-  core.take(daemon.stopped(t0 + 1ms), at(t0 + 1ms));
-  daemon.t_permitted = t0 + 2ms;
-  core.take(daemon.permitted(t0 + 2ms), at(t0 + 2ms));
-  EXPECT_EQ(core.decide(t0 + 2ms).refusal, Refusal::pose_before_permission);
-  core.take(daemon.pose(t0 + 2ms), at(t0 + 2ms));
-  EXPECT_TRUE(core.decide(t0 + 2ms).is_permitted());
+  permit(kT0);
+  core.take(daemon.stopped(kT0 + 1ms), at(kT0 + 1ms));
+  daemon.t_permitted = kT0 + 2ms;
+  core.take(daemon.permitted(kT0 + 2ms), at(kT0 + 2ms));
+  EXPECT_EQ(core.decide(kT0 + 2ms).refusal, Refusal::pose_before_permission);
+  core.take(daemon.pose(kT0 + 2ms), at(kT0 + 2ms));
+  EXPECT_TRUE(core.decide(kT0 + 2ms).is_permitted());
 }
 
 // Every way in which a message can be bad, on both streams.
@@ -234,7 +234,7 @@ std::vector<BadMessage> bad_messages() {
 }
 
 class BadMessageTest : public PermissionCoreTest, public testing::WithParamInterface<BadMessage> {
- protected:
+ public:
   template <class M>
   M spoiled(M message) {
     GetParam().spoil(message.protection);
@@ -242,26 +242,26 @@ class BadMessageTest : public PermissionCoreTest, public testing::WithParamInter
   }
   // The daemon goes on counting from what it last sent.
   void expect_refused_and_recovered(std::uint64_t refused) {
-    const auto p = core.decide(t0 + 2ms);
+    const auto p = core.decide(kT0 + 2ms);
     EXPECT_FALSE(p.is_permitted());
     EXPECT_EQ(p.refusal, GetParam().refusal);
     EXPECT_EQ(core.newest_refusal(), GetParam().refusal);
     EXPECT_EQ(refused, 1U);
     EXPECT_EQ(core.counts().refused_messages[static_cast<std::size_t>(GetParam().refusal)], 1U);
     if (GetParam().refusal == Refusal::second_source) {
-      EXPECT_EQ(messages_to_recover(t0 + 3ms), -1);  // held, see SecondSourceIsHeld
+      EXPECT_EQ(messages_to_recover(kT0 + 3ms), -1);  // held, see SecondSourceIsHeld
       return;
     }
-    EXPECT_EQ(messages_to_recover(t0 + 3ms), parameters.recovery_messages);
+    EXPECT_EQ(messages_to_recover(kT0 + 3ms), parameters.recovery_messages);
   }
 };
 
 TEST_P(BadMessageTest, AmongPosesWithdrawsPermission) {
   RecordProperty("requirement", "SR-52");
-  permit(t0);
-  core.take(daemon.permitted(t0 + 2ms), at(t0 + 2ms));
-  const auto good = daemon.pose(t0 + 2ms);
-  core.take(spoiled(good), at(t0 + 2ms));
+  permit(kT0);
+  core.take(daemon.permitted(kT0 + 2ms), at(kT0 + 2ms));
+  const auto good = daemon.pose(kT0 + 2ms);
+  core.take(spoiled(good), at(kT0 + 2ms));
   if (GetParam().refusal == Refusal::skipped)
     ++daemon.pose_counter;  // the one between was lost
   else
@@ -271,10 +271,10 @@ TEST_P(BadMessageTest, AmongPosesWithdrawsPermission) {
 
 TEST_P(BadMessageTest, AmongStopMessagesWithdrawsPermission) {
   RecordProperty("requirement", "SR-52");
-  permit(t0);
-  core.take(daemon.pose(t0 + 2ms), at(t0 + 2ms));
-  const auto good = daemon.permitted(t0 + 2ms);
-  core.take(spoiled(good), at(t0 + 2ms));
+  permit(kT0);
+  core.take(daemon.pose(kT0 + 2ms), at(kT0 + 2ms));
+  const auto good = daemon.permitted(kT0 + 2ms);
+  core.take(spoiled(good), at(kT0 + 2ms));
   if (GetParam().refusal == Refusal::skipped)
     ++daemon.stop_counter;
   else
@@ -286,23 +286,23 @@ INSTANTIATE_TEST_SUITE_P(PermissionCore, BadMessageTest, testing::ValuesIn(bad_m
                          [](const auto& test) { return std::string(test.param.name); });
 
 TEST_F(PermissionCoreTest, SecondSourceIsHeldAfterItsLastMessage) {
-  permit(t0);
+  permit(kT0);
   Daemon other{.source = kSource + 1};
-  core.take(other.pose(t0), at(t0));
-  nanoseconds t = t0;
-  while (t < t0 + 999ms) {
+  core.take(other.pose(kT0), at(kT0));
+  nanoseconds t = kT0;
+  while (t < kT0 + 999ms) {
     t += 1ms;
     core.take(daemon.permitted(t), at(t));
     core.take(daemon.pose(t), at(t));
     ASSERT_EQ(core.decide(t).refusal, Refusal::second_source);
   }
-  EXPECT_EQ(messages_to_recover(t0 + 1000ms), 1);
+  EXPECT_EQ(messages_to_recover(kT0 + 1000ms), 1);
 }
 
 TEST_F(PermissionCoreTest, ANewDaemonIsBelievedAfterTheOldOneFellSilent) {
-  permit(t0);
+  permit(kT0);
   Daemon restarted{.source = kSource + 1};
-  const nanoseconds t = t0 + 150ms;
+  const nanoseconds t = kT0 + 150ms;
   core.take(restarted.permitted(t), at(t));
   core.take(restarted.pose(t), at(t));
   EXPECT_FALSE(core.decide(t).is_permitted());
@@ -313,11 +313,11 @@ TEST_F(PermissionCoreTest, ANewDaemonIsBelievedAfterTheOldOneFellSilent) {
 
 TEST_F(PermissionCoreTest, PosesOfAnotherSourceThanTheStopsAreRefused) {
   Daemon other{.source = kSource + 1};
-  for (const nanoseconds t : {t0, t0 + 1ms}) {
+  for (const nanoseconds t : {kT0, kT0 + 1ms}) {
     core.take(daemon.permitted(t), at(t));
     core.take(other.pose(t), at(t));
   }
-  EXPECT_EQ(core.decide(t0 + 1ms).refusal, Refusal::sources_differ);
+  EXPECT_EQ(core.decide(kT0 + 1ms).refusal, Refusal::sources_differ);
 }
 
 TEST_F(PermissionCoreTest, RefusesEveryNumberThatIsNotFinite) {
@@ -337,15 +337,15 @@ TEST_F(PermissionCoreTest, RefusesEveryNumberThatIsNotFinite) {
     for (int chosen = 0; chosen < count_doubles(); ++chosen, ++fields) {
       core = PermissionCore(parameters);
       daemon = Daemon{};
-      permit(t0);
-      auto pose = daemon.pose(t0);
+      permit(kT0);
+      auto pose = daemon.pose(kT0);
       int n = 0;
       msg::for_each_field(pose, [&](auto& f) {
         if constexpr (std::is_same_v<std::remove_reference_t<decltype(f)>, double>)
           if (n++ == chosen) f = bad;
       });
-      core.take(resealed(pose), at(t0));
-      EXPECT_EQ(core.decide(t0).refusal, Refusal::invalid_number) << chosen;
+      core.take(resealed(pose), at(kT0));
+      EXPECT_EQ(core.decide(kT0).refusal, Refusal::invalid_number) << chosen;
     }
   }
   EXPECT_EQ(fields, 3 * (3 + 4 + 36 + 3));
@@ -363,11 +363,11 @@ class BadContentTest : public PermissionCoreTest, public testing::WithParamInter
 
 TEST_P(BadContentTest, IsRefused) {
   RecordProperty("requirement", "SR-54");
-  permit(t0);
-  auto pose = daemon.pose(t0 + 1ms);
+  permit(kT0);
+  auto pose = daemon.pose(kT0 + 1ms);
   GetParam().spoil(pose);
-  core.take(resealed(pose), at(t0 + 1ms));
-  EXPECT_EQ(core.decide(t0 + 1ms).refusal, GetParam().refusal);
+  core.take(resealed(pose), at(kT0 + 1ms));
+  EXPECT_EQ(core.decide(kT0 + 1ms).refusal, GetParam().refusal);
   EXPECT_EQ(core.counts().poses_refused, 1U);
 }
 
@@ -402,12 +402,12 @@ INSTANTIATE_TEST_SUITE_P(
     [](const auto& test) { return std::string(test.param.name); });
 
 TEST_F(PermissionCoreTest, AcceptsContentAtItsLimits) {
-  permit(t0);
-  auto pose = daemon.pose(t0 + 1ms);
+  permit(kT0);
+  auto pose = daemon.pose(kT0 + 1ms);
   pose.t_exposure_ns = pose.t_pose_ns - nanoseconds(120ms).count();
   pose.rotation_xyzw[3] = 1 + 0.9e-6;
-  core.take(resealed(pose), at(t0 + 1ms));
-  EXPECT_TRUE(core.decide(t0 + 1ms).is_permitted());
+  core.take(resealed(pose), at(kT0 + 1ms));
+  EXPECT_TRUE(core.decide(kT0 + 1ms).is_permitted());
 }
 
 TEST_F(PermissionCoreTest, RefusesAContradictoryStopMessage) {
@@ -419,23 +419,23 @@ TEST_F(PermissionCoreTest, RefusesAContradictoryStopMessage) {
         Spoil([](auto& m) { m.is_permitted = false; })}) {
     core = PermissionCore(parameters);
     daemon = Daemon{};
-    permit(t0);
-    auto stop = daemon.permitted(t0);
+    permit(kT0);
+    auto stop = daemon.permitted(kT0);
     spoil(stop);
-    core.take(resealed(stop), at(t0));
-    EXPECT_EQ(core.decide(t0).refusal, Refusal::contradictory_stop);
+    core.take(resealed(stop), at(kT0));
+    EXPECT_EQ(core.decide(kT0).refusal, Refusal::contradictory_stop);
   }
 }
 
 // Another host: its CLOCK_MONOTONIC started elsewhere, UTC is common.
 class SynchronisedHostTest : public PermissionCoreTest {
- protected:
+ public:
   static constexpr nanoseconds kOurStart = 5000s;
   static Clocks ours(nanoseconds t) { return {.monotonic = t + kOurStart, .utc = t + kUtcOffset}; }
   void SetUp() override {
     parameters.clock = ClockRelation::synchronised_utc;
     core = PermissionCore(parameters);
-    for (const nanoseconds t : {t0 - 1ms, t0}) {
+    for (const nanoseconds t : {kT0 - 1ms, kT0}) {
       core.take(daemon.permitted(t), ours(t));
       core.take(daemon.pose(t), ours(t));
     }
@@ -443,21 +443,21 @@ class SynchronisedHostTest : public PermissionCoreTest {
 };
 
 TEST_F(SynchronisedHostTest, TimesAreOnOurClock) {
-  const auto p = core.decide(t0 + kOurStart);
+  const auto p = core.decide(kT0 + kOurStart);
   ASSERT_TRUE(p.is_permitted());
-  EXPECT_EQ(p.pose->t_pose_ns, nanoseconds(t0 + kOurStart).count());
-  EXPECT_EQ(p.pose->t_valid_until_ns, nanoseconds(t0 + kOurStart + 15ms).count());
+  EXPECT_EQ(p.pose->t_pose_ns, nanoseconds(kT0 + kOurStart).count());
+  EXPECT_EQ(p.pose->t_valid_until_ns, nanoseconds(kT0 + kOurStart + 15ms).count());
 }
 
 TEST_F(SynchronisedHostTest, ExpiresOnOurClock) {
   RecordProperty("requirement", "SR-51");
-  EXPECT_TRUE(core.decide(t0 + kOurStart + 15ms).is_permitted());
-  EXPECT_FALSE(core.decide(t0 + kOurStart + 15ms + 1ns).is_permitted());
+  EXPECT_TRUE(core.decide(kT0 + kOurStart + 15ms).is_permitted());
+  EXPECT_FALSE(core.decide(kT0 + kOurStart + 15ms + 1ns).is_permitted());
 }
 
 TEST_F(SynchronisedHostTest, RefusesWhatIsOldByUtc) {
   RecordProperty("requirement", "SR-52");
-  core.take(daemon.pose(t0 + 1ms), ours(t0 + 30ms));
+  core.take(daemon.pose(kT0 + 1ms), ours(kT0 + 30ms));
   EXPECT_EQ(core.newest_refusal(), Refusal::expired);
 }
 
@@ -473,7 +473,7 @@ TEST_F(PermissionCoreTest, NoSequenceOfFaultsYieldsAFalsePermission) {
     return bad.refusal == Refusal::repeated || bad.refusal == Refusal::skipped ||
            bad.refusal == Refusal::time_reversed || bad.refusal == Refusal::second_source;
   });
-  nanoseconds t = t0, t_last_good_pose{}, t_last_good_stop{};
+  nanoseconds t = kT0, t_last_good_pose{}, t_last_good_stop{};
   bool says_permitted = false;
   long permitted = 0, refused = 0;
   for (int i = 0; i < 200'000; ++i) {

@@ -92,7 +92,7 @@ TEST(ClientOverDds, RobotHasStoppedWithinTheValidityOfAKilledDaemon) {
 
 // A daemon in this process, so that each message is what the test makes it.
 class ScriptedClientTest : public testing::Test {
- protected:
+ public:
   void SetUp() override {
     ASSERT_TRUE(eventually([&] { return daemon.has_robot(); }));
     permit();

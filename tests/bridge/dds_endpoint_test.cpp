@@ -77,8 +77,8 @@ TEST(Reader, GivesEveryMessageInOrderAcrossBatches) {
   const Writer<msg::OperatorCommand> writer(p);
   Reader<msg::OperatorCommand> reader(p);
   ASSERT_TRUE(eventually([&] { return writer.status().matched == 1; }));
-  constexpr std::uint32_t count = Reader<msg::OperatorCommand>::kBatch;  // = the reader's depth
-  for (std::uint32_t i = 0; i < count; ++i) {
+  constexpr std::uint32_t kCount = Reader<msg::OperatorCommand>::kBatch;  // = the reader's depth
+  for (std::uint32_t i = 0; i < kCount; ++i) {
     msg::OperatorCommand m{};
     m.stop_id = i;
     ASSERT_TRUE(writer.write(m));
@@ -86,7 +86,7 @@ TEST(Reader, GivesEveryMessageInOrderAcrossBatches) {
   std::uint32_t next = 0;
   ASSERT_TRUE(eventually([&] {
     for (const auto& m : reader.take()) EXPECT_EQ(m.stop_id, next++);
-    return next == count;
+    return next == kCount;
   }));
 }
 

@@ -10,7 +10,7 @@ namespace {
 using safety::Command;
 
 class InputReaderTest : public testing::Test {
- protected:
+ public:
   void SetUp() override {
     ASSERT_TRUE(
         eventually([&] { return robot.status().matched == 1 && console.status().matched == 1; }));

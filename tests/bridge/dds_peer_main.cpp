@@ -6,18 +6,19 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <ctime>
 #include <exception>
 #include <optional>
 #include <string>
-
-#include <time.h>
 
 #include "bridge/dds/daemon_claim.hpp"
 #include "tests/bridge/scripted_daemon.hpp"
 
 namespace {
 
-using namespace holdfast::bridge::dds;
+using holdfast::bridge::dds::DaemonClaim;
+using holdfast::bridge::dds::Participant;
+using holdfast::bridge::dds::ScriptedDaemon;
 
 volatile std::sig_atomic_t is_ended = 0;
 

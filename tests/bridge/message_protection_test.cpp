@@ -65,21 +65,21 @@ M numbered() {  // the rule of message_golden.py
 std::string hex(std::span<const std::byte> bytes) {
   std::string text;
   for (const std::byte b : bytes) {
-    constexpr const char* digits = "0123456789abcdef";
-    text += digits[std::to_integer<unsigned>(b) >> 4U];
-    text += digits[std::to_integer<unsigned>(b) & 15U];
+    constexpr const char* kDigits = "0123456789abcdef";
+    text += kDigits[std::to_integer<unsigned>(b) >> 4U];
+    text += kDigits[std::to_integer<unsigned>(b) & 15U];
   }
   return text;
 }
 
 template <class M>
 class MessageProtection : public testing::Test {
- protected:
-  static constexpr Clocks now{.monotonic = 100s, .utc = 1'700'000'000s};
+ public:
+  static constexpr Clocks kNow{.monotonic = 100s, .utc = 1'700'000'000s};
   static safety::Receiver receiver() { return {Topic<M>::policy().data_id, {}}; }
   static M protected_message() {
     M message = numbered<M>();
-    protect(message, 7, 1, milliseconds(10), now);
+    protect(message, 7, 1, milliseconds(10), kNow);
     return message;
   }
 };
@@ -125,7 +125,7 @@ TYPED_TEST(MessageProtection, BytesAndCrcAreThoseOfTheIdl) {
 
 TYPED_TEST(MessageProtection, ProtectedMessageIsAccepted) {
   auto receiver = this->receiver();
-  EXPECT_EQ(check(this->protected_message(), receiver, this->now), safety::Verdict::accepted);
+  EXPECT_EQ(check(this->protected_message(), receiver, this->kNow), safety::Verdict::accepted);
 }
 
 TYPED_TEST(MessageProtection, EverySingleBitFlipIsRefused) {
@@ -138,7 +138,8 @@ TYPED_TEST(MessageProtection, EverySingleBitFlipIsRefused) {
       const auto original = *byte;
       *byte = static_cast<unsigned char>(original ^ (1U << bit % 8));
       auto receiver = this->receiver();
-      EXPECT_NE(check(message, receiver, this->now), safety::Verdict::accepted) << "flip " << flips;
+      EXPECT_NE(check(message, receiver, this->kNow), safety::Verdict::accepted)
+          << "flip " << flips;
       *byte = original;
     }
   };
@@ -159,7 +160,7 @@ TYPED_TEST(MessageProtection, AnotherTopicsMessageIsRefused) {
   message.protection.data_id = static_cast<std::uint8_t>(message.protection.data_id % 6 + 1);
   message.protection.crc32c = canonical_crc(message);
   auto receiver = this->receiver();
-  EXPECT_EQ(check(message, receiver, this->now), safety::Verdict::bad_data_id);
+  EXPECT_EQ(check(message, receiver, this->kNow), safety::Verdict::bad_data_id);
 }
 
 TEST(RandomSource, IsNeverZeroAndDiffers) {
