@@ -4,11 +4,11 @@
 #include <algorithm>
 #include <atomic>
 #include <condition_variable>
+#include <ctime>
 #include <mutex>
 #include <thread>
 
 #include <fmt/core.h>
-#include <time.h>
 
 #include "bridge/aravis_camera.hpp"
 #include "bridge/camera_clock.hpp"

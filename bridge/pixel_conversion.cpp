@@ -75,7 +75,7 @@ PixelConversion::PixelConversion(PixelFormat format, int width_px, int height_px
 }
 
 cv::Mat PixelConversion::operator()(std::uint8_t* pixels) {
-  const cv::Mat wire(height_px_, width_px_, wire_type(format_), pixels);
+  cv::Mat wire(height_px_, width_px_, wire_type(format_), pixels);
   if (is_passed_through(format_)) return wire;
   cv::cvtColor(wire, bgr_, conversion_code(format_));
   return bgr_;

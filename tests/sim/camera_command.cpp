@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // `holdfast-sim camera`.
 #include <cstdio>
+#include <ctime>
 #include <map>
 #include <memory>
 #include <optional>
@@ -8,7 +9,6 @@
 
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
-#include <time.h>
 
 #include "bridge/command_line.hpp"
 #include "rt/core/error.hpp"
@@ -28,7 +28,7 @@ using std::chrono::nanoseconds;
 
 constexpr std::chrono::milliseconds kTick{5};
 
-const std::map<std::string, PixelFormat> kFormats{
+const std::map<std::string, PixelFormat> pixel_formats{
     {"Mono8", PixelFormat::mono8},        {"Mono12", PixelFormat::mono12},
     {"BayerRG8", PixelFormat::bayer_rg8}, {"BayerGB8", PixelFormat::bayer_gb8},
     {"BayerGR8", PixelFormat::bayer_gr8}, {"BayerBG8", PixelFormat::bayer_bg8},
@@ -168,9 +168,10 @@ void add_device_options(CLI::App& command, Options& options) {
   command.add_option("--height", options.scene.height_px, "sensor, px")->capture_default_str();
   command
       .add_option_function<std::string>(
-          "--format", [&camera](const std::string& name) { camera.format = kFormats.at(name); },
+          "--format",
+          [&camera](const std::string& name) { camera.format = pixel_formats.at(name); },
           "pixel format until a client sets another (default Mono8)")
-      ->check(CLI::IsMember(kFormats));
+      ->check(CLI::IsMember(pixel_formats));
   command.add_option("--fps", camera.frame_rate_hz, "frames/s until a client sets another")
       ->capture_default_str();
   command.add_option("--exposure-us", camera.exposure_us, "until a client sets another")

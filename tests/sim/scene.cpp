@@ -182,10 +182,10 @@ float* Scene::ring_row(int row, int n) noexcept {
 
 // Any rigid pose: each pixel's own sixteen coefficients. Four lanes: first down the four columns,
 // then across.
-void Scene::homography_row(const Eigen::Matrix3d& H_texture_image, int row,
+void Scene::homography_row(const Eigen::Matrix3d& texture_of_image, int row,
                            const cv::Rect& region) {
-  const Eigen::Vector3d step = H_texture_image.col(0);
-  const Eigen::Vector3d start = H_texture_image * Eigen::Vector3d(region.x, region.y + row, 1);
+  const Eigen::Vector3d step = texture_of_image.col(0);
+  const Eigen::Vector3d start = texture_of_image * Eigen::Vector3d(region.x, region.y + row, 1);
   for (int column = 0; column < region.width; ++column) {
     const double scale = 1 / (start.z() + column * step.z());
     const double x = std::clamp((start.x() + column * step.x()) * scale, 2.0, texture_width_ - 4.0);
@@ -325,7 +325,7 @@ void Scene::render(const SitePose& T_camera_site, const View& view, PixelFormat 
   planes_.resize(3 * n);
   const Eigen::Vector2d shift_px = T_camera_site.t_mm.head<2>() * focal_px() / parameters_.depth_mm;
   const bool is_translation = T_camera_site.t_mm.z() == 0 && T_camera_site.q.vec().isZero(0);
-  const Eigen::Matrix3d H_texture_image = texture_from_image(T_camera_site);
+  const Eigen::Matrix3d texture_of_image = texture_from_image(T_camera_site);
   if (is_translation) begin_translation(shift_px, region);
   const std::size_t stride = bridge::row_bytes(format, region.width);
   for (int row = 0; row < region.height; ++row) {
@@ -334,7 +334,7 @@ void Scene::render(const SitePose& T_camera_site, const View& view, PixelFormat 
     else if (is_translation)
       translated_row(row, region.width);
     else
-      homography_row(H_texture_image, row, region);
+      homography_row(texture_of_image, row, region);
     if (!view.is_dark) add_glints(shift_px, row, region);
     if (!view.is_dark && view.is_occluded) occlude(row, region);
     write_row(view, format, row, region, pixels + static_cast<std::size_t>(row) * stride);

@@ -57,7 +57,7 @@ class Scene {
   void translated_row(int row, int n);
   [[nodiscard]] float* ring_row(int row, int n) noexcept;
   [[nodiscard]] Eigen::Matrix3d texture_from_image(const SitePose& T_camera_site) const;
-  void homography_row(const Eigen::Matrix3d& H_texture_image, int row, const cv::Rect& region);
+  void homography_row(const Eigen::Matrix3d& texture_of_image, int row, const cv::Rect& region);
   void add_glints(const Eigen::Vector2d& shift_px, int row, const cv::Rect& region);
   void occlude(int row, const cv::Rect& region);
   void write_row(const View& view, bridge::PixelFormat format, int row, const cv::Rect& region,
