@@ -12,7 +12,7 @@
 namespace holdfast::bridge {
 
 cv::Mat read_depth_file(const std::string& path, int width_px, int height_px) {
-  const cv::Mat depth = read_image_file(path);
+  cv::Mat depth = read_image_file(path);
   if (depth.type() != CV_32FC1)
     throw InputError(path + ": must hold one channel of 32-bit float depths in mm");
   if (depth.cols != width_px || depth.rows != height_px)

@@ -50,7 +50,7 @@ struct Scalar {
 };
 
 const Scalar* scalar_of(const std::string& type) {
-  static const std::map<std::string, Scalar> kTypes = {
+  static const std::map<std::string, Scalar> types = {
       {"char", {1, load<std::int8_t>}},     {"int8", {1, load<std::int8_t>}},
       {"uchar", {1, load<std::uint8_t>}},   {"uint8", {1, load<std::uint8_t>}},
       {"short", {2, load<std::int16_t>}},   {"int16", {2, load<std::int16_t>}},
@@ -59,8 +59,8 @@ const Scalar* scalar_of(const std::string& type) {
       {"uint", {4, load<std::uint32_t>}},   {"uint32", {4, load<std::uint32_t>}},
       {"float", {4, load<float>}},          {"float32", {4, load<float>}},
       {"double", {8, load<double>}},        {"float64", {8, load<double>}}};
-  const auto it = kTypes.find(type);
-  return it == kTypes.end() ? nullptr : &it->second;
+  const auto it = types.find(type);
+  return it == types.end() ? nullptr : &it->second;
 }
 
 class PlyReader {

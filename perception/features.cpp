@@ -25,14 +25,14 @@ std::array<int, kPatchRadius + 1> disc_half_widths() {
 
 /// Direction of the intensity centroid of the disc around a corner, in degrees, 0 to 360.
 float orientation_deg(const cv::Mat& image, cv::Point2f corner) {
-  static const auto kHalfWidths = disc_half_widths();
+  static const auto disc = disc_half_widths();
   const auto step = static_cast<std::ptrdiff_t>(image.step1());
   const uchar* centre = image.ptr(cvRound(corner.y)) + cvRound(corner.x);
   int m01 = 0, m10 = 0;
   for (int u = -kPatchRadius; u <= kPatchRadius; ++u) m10 += u * centre[u];
   for (int v = 1; v <= kPatchRadius; ++v) {
     const uchar *above = centre - v * step, *below = centre + v * step;
-    const int half_width = kHalfWidths[static_cast<std::size_t>(v)];
+    const int half_width = disc[static_cast<std::size_t>(v)];
     int difference = 0;
     for (int u = -half_width; u <= half_width; ++u) {
       difference += below[u] - above[u];
@@ -127,7 +127,8 @@ void FeatureDetector::Impl::find_corners(const cv::Mat& image, const cv::Mat& ke
     for (int column = 0; column < columns; ++column) {
       const cv::Rect cell =
           cv::Rect(kBorder + column * cell_px, kBorder + row * cell_px, cell_px, cell_px) & inside;
-      int& threshold = grid.thresholds[static_cast<std::size_t>(row * columns + column)];
+      const int index = row * columns + column;
+      int& threshold = grid.thresholds[static_cast<std::size_t>(index)];
       const int found = find_in_cell(image, keep, cell, threshold);
       if (found > 3 * share)
         threshold = std::min(threshold + 1 + threshold / 4, 100);

@@ -68,7 +68,8 @@ class CellIndex {
     const auto last = [&](double v, int n) { return std::min(n - 1, cell_of(v + radius_px)); };
     for (int y = first(place.y); y <= last(place.y, rows_); ++y)
       for (int x = first(place.x); x <= last(place.x, columns_); ++x) {
-        const auto c = static_cast<std::size_t>(y * columns_ + x);
+        const int index = y * columns_ + x;
+        const auto c = static_cast<std::size_t>(index);
         for (int k = starts_[c]; k < starts_[c + 1]; ++k)
           visit(members_[static_cast<std::size_t>(k)]);
       }
@@ -79,7 +80,8 @@ class CellIndex {
     return static_cast<int>(std::clamp(std::floor(v / cell_px_), -1.0, 1e6));
   }
   [[nodiscard]] std::size_t cell(cv::Point2d p) const {
-    return static_cast<std::size_t>(cell_of(p.y) * columns_ + cell_of(p.x));
+    const int index = cell_of(p.y) * columns_ + cell_of(p.x);
+    return static_cast<std::size_t>(index);
   }
   double cell_px_;
   int columns_ = 1, rows_ = 1;

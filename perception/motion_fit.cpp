@@ -114,7 +114,8 @@ int occupied_cells(const CameraModel& camera, const Observations& observations,
     const double y = (seen.y() / camera.f_px() * camera.fy_px + camera.cy_px) / camera.height_px;
     const int column = std::clamp(static_cast<int>(x * kCells), 0, kCells - 1);
     const int row = std::clamp(static_cast<int>(y * kCells), 0, kCells - 1);
-    cells[static_cast<std::size_t>(row * kCells + column)] = true;
+    const int index = row * kCells + column;
+    cells[static_cast<std::size_t>(index)] = true;
   }
   return static_cast<int>(std::count(cells.begin(), cells.end(), true));
 }

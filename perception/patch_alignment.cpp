@@ -82,8 +82,9 @@ bool sample(const cv::Mat& image, cv::Point2d p, const cv::Matx22d& warp, Patch&
       const int iu = static_cast<int>(u), iv = static_cast<int>(v);
       const float fu = u - static_cast<float>(iu), fv = v - static_cast<float>(iv);
       const uchar* q = data + iv * step + iu;
-      const float top = q[0] + fu * static_cast<float>(q[1] - q[0]);
-      const float bottom = q[step] + fu * static_cast<float>(q[step + 1] - q[step]);
+      const float top = static_cast<float>(q[0]) + fu * static_cast<float>(q[1] - q[0]);
+      const float bottom =
+          static_cast<float>(q[step]) + fu * static_cast<float>(q[step + 1] - q[step]);
       out[k] = top + fv * (bottom - top);
     }
   }
@@ -109,14 +110,14 @@ std::optional<AlignedPatch> align_patch(const cv::Mat& source, cv::Point centre,
     // J^T (gain * patch - template); the mean is out of all three already.
     const float bx = gain * dot(t.gx, patch) - dot(t.gx, t.values);
     const float by = gain * dot(t.gy, patch) - dot(t.gy, t.values);
-    const double sx = (t.hyy * bx - t.hxy * by) / determinant;
-    const double sy = (t.hxx * by - t.hxy * bx) / determinant;
+    const auto sx = static_cast<double>((t.hyy * bx - t.hxy * by) / determinant);
+    const auto sy = static_cast<double>((t.hxx * by - t.hxy * bx) / determinant);
     const cv::Vec2d step = warp * cv::Vec2d(sx, sy);
     p.x -= step[0];
     p.y -= step[1];
     if (!(std::hypot(p.x - start.x, p.y - start.y) <= reach_px)) return std::nullopt;
     if (std::hypot(step[0], step[1]) < kSettledPx)
-      return AlignedPatch{p, correlation / std::sqrt(t.squares * squares)};
+      return AlignedPatch{p, static_cast<double>(correlation / std::sqrt(t.squares * squares))};
   }
   return std::nullopt;
 }

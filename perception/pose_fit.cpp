@@ -53,8 +53,8 @@ bool linearise(const Observation& o, const FitSetup& setup, const Eigen::Isometr
 }
 
 struct Normal {
-  Matrix6d H = Matrix6d::Zero();
-  Vector6d b = Vector6d::Zero();
+  Matrix6d hessian = Matrix6d::Zero();
+  Vector6d gradient = Vector6d::Zero();
 };
 
 /// Inverse on the free directions, zero on the fixed; false when they are not determined.
@@ -104,8 +104,8 @@ Normal accumulate(const Observations& observations, const FitSetup& setup,
     const double u = residual.squaredNorm() / (cut_px * cut_px);
     if (!(u < 1)) continue;
     const double weight = (1 - u) * (1 - u);
-    normal.H.noalias() += weight * J.transpose() * J;
-    normal.b.noalias() -= weight * J.transpose() * residual;
+    normal.hessian.noalias() += weight * J.transpose() * J;
+    normal.gradient.noalias() -= weight * J.transpose() * residual;
   }
   return normal;
 }
@@ -115,8 +115,8 @@ bool solve_sample(const Observations& sample, const FitSetup& setup, Eigen::Isom
   for (int i = 0; i < 4; ++i) {
     const Normal normal = accumulate(sample, setup, T, 1e6);
     Matrix6d inverse;
-    if (!invert(normal.H, setup.freedom, inverse)) return false;
-    const Vector6d step = inverse * normal.b;
+    if (!invert(normal.hessian, setup.freedom, inverse)) return false;
+    const Vector6d step = inverse * normal.gradient;
     if (!step.allFinite() || step.tail<3>().norm() > 1) return false;
     T = moved(T, setup.p_pivot_site_mm, step);
   }
@@ -243,8 +243,8 @@ std::optional<PoseFit> refine(const Observations& observations, const FitSetup& 
   for (int i = 0; i < kIterations; ++i) {
     const Normal normal = accumulate(observations, setup, fit.T_camera_site, cut_px);
     Matrix6d inverse;
-    if (!invert(normal.H, setup.freedom, inverse)) return std::nullopt;
-    const Vector6d step = inverse * normal.b;
+    if (!invert(normal.hessian, setup.freedom, inverse)) return std::nullopt;
+    const Vector6d step = inverse * normal.gradient;
     if (!step.allFinite() || step.tail<3>().norm() > 1) return std::nullopt;
     fit.T_camera_site = moved(fit.T_camera_site, setup.p_pivot_site_mm, step);
     fit.sigma_px =
@@ -255,7 +255,7 @@ std::optional<PoseFit> refine(const Observations& observations, const FitSetup& 
     if (i > 1 && moved_px < 1e-4) break;
   }
   const Normal normal = accumulate(observations, setup, fit.T_camera_site, cut_px);
-  if (!invert(normal.H, setup.freedom, fit.unit_covariance)) return std::nullopt;
+  if (!invert(normal.hessian, setup.freedom, fit.unit_covariance)) return std::nullopt;
   fit.inliers = inlier_indices(observations, fit.T_camera_site, setup.f_px, threshold_px);
   double squares = 0;
   for (const int i : fit.inliers) {

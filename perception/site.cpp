@@ -78,7 +78,8 @@ std::optional<double> Site::depth_at(const Eigen::Vector2d& ray) const {
   const int y = std::min(static_cast<int>(v), depth_mm_.rows - 2);
   const float* top = depth_mm_.ptr<float>(y) + x;
   const float* bottom = depth_mm_.ptr<float>(y + 1) + x;
-  const double z00 = top[0], z01 = top[1], z10 = bottom[0], z11 = bottom[1];
+  const auto z00 = static_cast<double>(top[0]), z01 = static_cast<double>(top[1]);
+  const auto z10 = static_cast<double>(bottom[0]), z11 = static_cast<double>(bottom[1]);
   const double step = std::max({z00, z01, z10, z11}) - std::min({z00, z01, z10, z11});
   const double mean = 0.25 * (z00 + z01 + z10 + z11);  // NaN if any is: fails the next test
   if (!(step <= kStepMaxPixels * mean / camera_.f_px()) || std::isnan(mean)) return std::nullopt;

@@ -15,8 +15,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-const Eigen::Vector3d kUnknown =
-    Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+Eigen::Vector3d unknown_point() {
+  return Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
+}
 
 /// Measures the time of one stage from its construction to the end of its scope.
 class StageTimer {
@@ -198,13 +199,14 @@ std::optional<Eigen::Isometry3d> Tracker::Impl::frame_to_frame(MotionEstimate& o
   }
   const StageTimer timer(out.times.model);
   std::vector<cv::Point2d> pixels;
+  pixels.reserve(matches.size());
   for (const Match& match : matches)
     pixels.emplace_back(previous.features.pixels[static_cast<std::size_t>(match.first)]);
   const auto rays = to_normalised(camera, pixels);
-  std::vector<Eigen::Vector3d> p_site_mm(previous.features.pixels.size(), kUnknown);
+  std::vector<Eigen::Vector3d> p_site_mm(previous.features.pixels.size(), unknown_point());
   for (std::size_t i = 0; i < matches.size(); ++i)
     p_site_mm[static_cast<std::size_t>(matches[i].first)] =
-        site.meet({rays[i].x, rays[i].y}, *T_chain).value_or(kUnknown);
+        site.meet({rays[i].x, rays[i].y}, *T_chain).value_or(unknown_point());
   const MotionResult result =
       fit_motion({camera, parameters, site, previous, p_site_mm, *T_chain, current, matches});
   if (!result.fit) return std::nullopt;

@@ -116,7 +116,7 @@ void Outcome::add(const bridge::SequenceFrame& frame, const MotionEstimate& esti
 }
 
 double percentile(std::vector<double> values, double share) {
-  const auto k = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1) + 0.5);
+  const auto k = std::lround(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), values.begin() + k, values.end());
   return values[static_cast<std::size_t>(k)];
 }
@@ -142,7 +142,7 @@ perception::SiteGeometry geometry_of(const Options& options,
 
 cv::Mat mask_of(const Options& options, const perception::CameraModel& camera) {
   if (options.mask.empty()) return {};
-  const cv::Mat mask = bridge::read_image_file(options.mask);
+  cv::Mat mask = bridge::read_image_file(options.mask);
   if (mask.type() != CV_8UC1) throw InputError(options.mask + ": must be 8-bit grey");
   if (mask.cols != camera.width_px || mask.rows != camera.height_px)
     throw InputError(fmt::format("{}: is {}x{} px, must be {}x{} px as the camera", options.mask,
