@@ -158,4 +158,9 @@ void AravisCamera::give_back(ArvBuffer* buffer) noexcept {
   arv_stream_push_buffer(stream_.get(), buffer);
 }
 
+std::size_t count_cameras() {
+  arv_update_device_list();
+  return arv_get_n_devices();
+}
+
 }  // namespace holdfast::bridge

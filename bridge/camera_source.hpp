@@ -98,4 +98,8 @@ class CameraSource {
   std::unique_ptr<Impl> impl_;
 };
 
+/// How many GigE Vision and USB3 Vision cameras answer on this machine's interfaces. Takes up to a
+/// second or two. Any thread, but not beside a CameraSource that is being constructed.
+[[nodiscard]] std::size_t count_cameras();
+
 }  // namespace holdfast::bridge

@@ -19,7 +19,7 @@ struct Events {
 };
 
 bool brings_frame(const FrameArrival& arrival) noexcept {
-  return !arrival.faults.contains(Reason::frame_incomplete) &&
+  return arrival.is_frame && !arrival.faults.contains(Reason::frame_incomplete) &&
          !arrival.faults.contains(Reason::frame_late) &&
          !arrival.faults.contains(Reason::camera_disconnected);
 }

@@ -26,14 +26,13 @@ struct ControlParameters {
 };
 
 /// One frame's arrival, reported by the camera thread at once, before tracking.
-/// Every arrival is a complete frame, unless its faults hold frame_incomplete, frame_late (the
-/// camera is silent) or camera_disconnected.
 struct FrameArrival {
   std::uint64_t frame = 0;
   safety::Timestamp t_received{};
   safety::Timestamp t_exposure{};
   safety::ReasonSet faults;  ///< frame_* and camera_*; a camera_disconnected event has no frame
   bool is_connected = true;
+  bool is_frame = true;  ///< a complete frame; false: an event without one (gap, silent, connected)
 };
 
 struct StampedEstimate {

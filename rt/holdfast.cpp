@@ -10,6 +10,8 @@ int main(int argc, char** argv) {
                "holdfast"};
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
+  holdfast::rt::add_demo(app);
+  holdfast::rt::add_doctor(app);
   holdfast::rt::add_track(app);
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

@@ -7,6 +7,8 @@
 
 namespace holdfast::rt {
 
+void add_demo(CLI::App& app);
+void add_doctor(CLI::App& app);
 void add_track(CLI::App& app);
 
 }  // namespace holdfast::rt

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "rt/daemon.hpp"
+
+#include <string>
+#include <thread>
+#include <vector>
+
+#include <opencv2/core/utility.hpp>
+#include <spdlog/spdlog.h>
+
+#include "bridge/camera_source.hpp"
+#include "bridge/command_line.hpp"
+#include "rt/control_cycle.hpp"
+#include "rt/core/memory_lock.hpp"
+#include "rt/publisher.hpp"
+#include "rt/tracking_thread.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kHousekeepingPeriod = 50ms;
+
+safety::RegistrationInput registration_input(const DaemonConfig& config) {
+  safety::RegistrationInput input;
+  input.is_loaded = true;
+  input.id = config.registration.id();
+  input.T_site_ct = config.registration.T_camera_ct;  // site = camera at the keyframe
+  input.covariance = config.registration.covariance;
+  input.p_target_site_mm = input.T_site_ct * config.p_target_ct_mm;
+  return input;
+}
+
+ControlParameters control_parameters(const DaemonConfig& config, safety::ReasonSet advisories) {
+  ControlParameters parameters;
+  parameters.limits = config.limits;
+  parameters.filter = config.filter;
+  parameters.T_robot_camera = config.T_robot_camera;
+  parameters.advisories = advisories;
+  return parameters;
+}
+
+CyclicThreadParameters thread_parameters(const LoopParameters& loop, const char* name, int priority,
+                                         std::chrono::nanoseconds phase) {
+  CyclicThreadParameters parameters;
+  parameters.name = name;
+  parameters.period = loop.period;
+  parameters.phase = phase;
+  parameters.fifo_priority = priority;
+  parameters.cpu = loop.control_cpu;
+  parameters.allow_non_rt = loop.allow_non_rt;
+  return parameters;
+}
+
+void warn(const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) spdlog::warn("{}", warning);
+}
+
+void log_changes(Publisher::Log& log) {
+  LogEvent event;
+  while (log.try_pop(event)) {
+    if (event.cause == safety::Reason::none)
+      spdlog::info("{}", safety::name(event.mode));
+    else
+      spdlog::info("{}: {} (stop {}, reasons {:#x})", safety::name(event.mode),
+                   safety::name(event.cause), event.stop_id, event.reasons.bits());
+  }
+}
+
+/// Real-time scheduling is tried on a thread that does nothing, so that its absence is known, and
+/// published, before the first cycle.
+safety::ReasonSet probe_real_time(const LoopParameters& loop) {
+  safety::ReasonSet advisories;
+  advisories.insert(
+      safety::Reason::unsecured_transport);  // this version has no DDS Security profile
+  MemoryLockParameters memory;
+  memory.allow_non_rt = loop.allow_non_rt;
+  std::vector<std::string> warnings = lock_memory(memory);
+  const CyclicThread probe{thread_parameters(loop, "probe", loop.control_priority, 0ns),
+                           [](const CycleInfo&) {}};
+  warnings.insert(warnings.end(), probe.warnings().begin(), probe.warnings().end());
+  warn(warnings);
+  if (!warnings.empty()) advisories.insert(safety::Reason::not_real_time);
+  return advisories;
+}
+
+}  // namespace
+
+void run_daemon(const DaemonConfig& config) {
+  cv::setNumThreads(1);  // each of our threads does its own work; no pool behind our back
+
+  // 1. Real-time memory and scheduling, or a refusal.
+  const safety::ReasonSet advisories = probe_real_time(config.loop);
+  const safety::RegistrationInput registration = registration_input(config);
+
+  // 2. The domain is ours, or a refusal. Nothing is published before the first cycle.
+  Publisher publisher{config, registration, advisories};
+
+  // 3. Camera frames to the intake, from the intake to the tracker.
+  FrameIntake intake{config.frame_check};
+  TrackingThread tracking{config, intake};
+  warn(tracking.warnings());
+
+  // 4. The control loop, and on the same grid a little later the publishing thread.
+  ControlInbox inbox;
+  ControlCycle cycle{control_parameters(config, advisories), registration, intake.arrivals(),
+                     tracking.for_control(), inbox};
+  const bridge::CameraSource camera{
+      config.camera, [&intake](const bridge::CameraReport& report) { intake.on_report(report); }};
+  spdlog::info("camera: {}", camera.description());
+  CyclicThread control{thread_parameters(config.loop, "control", config.loop.control_priority, 0ns),
+                       [&cycle](const CycleInfo& info) { cycle.run(info); }};
+  CyclicThread publishing{thread_parameters(config.loop, "publish", config.loop.publish_priority,
+                                            config.loop.publish_phase),
+                          [&](const CycleInfo&) {
+                            const bridge::CameraCounters counters = camera.counters();
+                            publisher.run(cycle.reports(), cycle.withdrawals(),
+                                          tracking.for_publishing(), inbox,
+                                          {counters.frames, counters.incomplete, counters.missing,
+                                           intake.frames_skipped(), intake.clock_sigma()});
+                          }};
+  spdlog::info("running: domain {}, {} us loop, registration {:016x}", config.domain,
+               config.loop.period / 1us, registration.id);
+
+  // 5. Until told to end: log what changed.
+  while (!bridge::is_interrupted()) {
+    log_changes(publisher.log());
+    std::this_thread::sleep_for(kHousekeepingPeriod);
+  }
+  control.stop();
+  publishing.stop();
+  publisher.publish_end();
+  log_changes(publisher.log());
+  spdlog::info("ended");
+}
+
+}  // namespace holdfast::rt

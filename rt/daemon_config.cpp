@@ -1,0 +1,208 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "rt/daemon_config.hpp"
+
+#include <cmath>
+
+#include <fmt/format.h>
+
+#include "bridge/camera_file.hpp"
+#include "bridge/config_file.hpp"
+#include "rt/core/error.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+using bridge::ConfigSection;
+using bridge::Range;
+
+constexpr Range kPriority{1, 98};
+constexpr double kQuaternionTolerance = 1e-3;
+
+LoopParameters read_loop(const ConfigSection& section) {
+  LoopParameters loop;
+  loop.period = section.duration("period_us", loop.period, {250, 10'000});
+  loop.publish_phase = section.duration("publish_phase_us", loop.publish_phase, {0, 5'000});
+  loop.control_priority = section.integer("control_priority", loop.control_priority, kPriority);
+  loop.publish_priority = section.integer("publish_priority", loop.publish_priority, kPriority);
+  loop.tracker_priority = section.integer("tracker_priority", loop.tracker_priority, {0, 98});
+  if (section.has("control_cpu")) loop.control_cpu = section.integer("control_cpu", 0, {0, 1023});
+  loop.allow_non_rt = section.boolean("allow_non_rt", loop.allow_non_rt);
+  if (loop.publish_phase >= loop.period)
+    throw InputError(
+        fmt::format("{} is not below the loop's period", section.where("publish_phase_us")));
+  if (loop.publish_priority >= loop.control_priority)
+    throw InputError(
+        fmt::format("{} is not below control_priority", section.where("publish_priority")));
+  return loop;
+}
+
+bridge::PixelFormat read_pixel_format(const ConfigSection& section) {
+  using bridge::PixelFormat;
+  static const std::vector<std::pair<std::string, PixelFormat>> formats = {
+      {"Mono8", PixelFormat::mono8},        {"Mono12", PixelFormat::mono12},
+      {"BayerRG8", PixelFormat::bayer_rg8}, {"BayerGB8", PixelFormat::bayer_gb8},
+      {"BayerGR8", PixelFormat::bayer_gr8}, {"BayerBG8", PixelFormat::bayer_bg8},
+      {"RGB8", PixelFormat::rgb8},          {"BGR8", PixelFormat::bgr8}};
+  std::vector<std::string> names;
+  for (const auto& [format_name, format] : formats) names.push_back(format_name);
+  const std::string chosen = section.choice("pixel_format", "Mono8", names);
+  for (const auto& [format_name, format] : formats)
+    if (format_name == chosen) return format;
+  return PixelFormat::mono8;
+}
+
+bridge::CameraParameters read_camera(const ConfigSection& section) {
+  bridge::CameraParameters camera;
+  camera.id = section.text("id", "");
+  camera.serial = section.text("serial", "");
+  camera.pixel_format = read_pixel_format(section);
+  camera.width_px = section.integer("width_px", camera.width_px, {64, 16'384});
+  camera.height_px = section.integer("height_px", camera.height_px, {64, 16'384});
+  camera.offset_x_px = section.integer("offset_x_px", 0, {0, 16'384});
+  camera.offset_y_px = section.integer("offset_y_px", 0, {0, 16'384});
+  camera.frame_rate_hz = section.number("frame_rate_hz", camera.frame_rate_hz, {1, 500});
+  camera.exposure_us = section.number("exposure_us", camera.exposure_us, {1, 1e6});
+  if (section.has("gain_db")) camera.gain_db = section.number("gain_db", 0, {-20, 60});
+  if (section.has("packet_size_bytes"))
+    camera.packet_size_bytes = section.integer("packet_size_bytes", 1400, {576, 16'000});
+  camera.buffers = section.integer("buffers", camera.buffers, {3, 64});
+  camera.stamp_is_exposure_start =
+      section.boolean("stamp_is_exposure_start", camera.stamp_is_exposure_start);
+  if (camera.exposure_us * camera.frame_rate_hz >= 1e6)
+    throw InputError(fmt::format("{} = {} is longer than a frame at {} hz",
+                                 section.where("exposure_us"), camera.exposure_us,
+                                 camera.frame_rate_hz));
+  return camera;
+}
+
+bridge::FrameCheckLimits read_frame_check(const ConfigSection& section) {
+  bridge::FrameCheckLimits check;
+  check.dark_level = section.integer("dark_level", check.dark_level, {0, 255});
+  check.dark_fraction_max = section.number("dark_fraction_max", check.dark_fraction_max, {0.01, 1});
+  check.saturated_level = section.integer("saturated_level", check.saturated_level, {0, 255});
+  check.saturated_fraction_max =
+      section.number("saturated_fraction_max", check.saturated_fraction_max, {0.01, 1});
+  return check;
+}
+
+perception::TrackerParameters read_tracker(const ConfigSection& root) {
+  const ConfigSection section = root.section("tracker");
+  perception::TrackerParameters tracker;
+  tracker.features.count = section.integer("features", tracker.features.count, {100, 10'000});
+  tracker.features.fast_threshold =
+      section.integer("fast_threshold", tracker.features.fast_threshold, {1, 100});
+  tracker.mask.is_enabled = section.boolean("reflection_mask", tracker.mask.is_enabled);
+  if (const auto invalid = perception::invalid_parameter(tracker))
+    throw InputError(fmt::format("{}: {}", root.where("tracker"), *invalid));
+  return tracker;
+}
+
+PoseFilterParameters read_filter(const ConfigSection& section) {
+  PoseFilterParameters filter;
+  filter.acceleration_sigma_mm_per_s2 =
+      section.number("acceleration_sigma_mm_per_s2", filter.acceleration_sigma_mm_per_s2, {1, 1e5});
+  filter.angular_acceleration_sigma_rad_per_s2 =
+      section.number("angular_acceleration_sigma_rad_per_s2",
+                     filter.angular_acceleration_sigma_rad_per_s2, {0.001, 1e3});
+  filter.innovation_gate_sigma =
+      section.number("innovation_gate_sigma", filter.innovation_gate_sigma, {3, 20});
+  filter.gap_max = section.duration("gap_max_ms", filter.gap_max, {10, 2'000});
+  return filter;
+}
+
+safety::Limits read_limits(const ConfigSection& root, double frame_rate_hz) {
+  const ConfigSection section = root.section("safety");
+  safety::Limits limits;
+  limits.frame_period = safety::Duration{std::llround(1e9 / frame_rate_hz)};
+  limits.frame_lateness = section.duration("frame_lateness_ms", limits.frame_lateness, {0.5, 200});
+  limits.estimate_age_max =
+      section.duration("estimate_age_max_ms", limits.estimate_age_max, {5, 500});
+  limits.pose_validity = section.duration("pose_validity_ms", limits.pose_validity, {2, 20});
+  limits.robot_silence_max =
+      section.duration("robot_silence_max_ms", limits.robot_silence_max, {10, 1'000});
+  limits.loop_lateness_max =
+      section.duration("loop_lateness_max_ms", limits.loop_lateness_max, {0.01, 20});
+  limits.clock_step_max = section.duration("clock_step_max_ms", limits.clock_step_max, {0.1, 50});
+  limits.hold_max = section.duration("hold_max_ms", limits.hold_max, {10, 5'000});
+  limits.hold_recovery = section.duration("hold_recovery_ms", limits.hold_recovery, {1, 2'000});
+  limits.drift_max_mm = section.number("drift_max_mm", limits.drift_max_mm, {0.01, 2});
+  limits.displacement_max_mm =
+      section.number("displacement_max_mm", limits.displacement_max_mm, {0.1, 50});
+  limits.rotation_max_rad = section.number("rotation_max_rad", limits.rotation_max_rad, {0.01, 1});
+  limits.speed_max_mm_per_s =
+      section.number("speed_max_mm_per_s", limits.speed_max_mm_per_s, {0.1, 500});
+  limits.sigma_target_max_mm =
+      section.number("sigma_target_max_mm", limits.sigma_target_max_mm, {0.005, 2});
+  limits.inliers_min = section.integer("inliers_min", limits.inliers_min, {6, 5'000});
+  limits.inlier_spread_min =
+      section.number("inlier_spread_min", limits.inlier_spread_min, {0.01, 1});
+  if (const auto invalid = safety::invalid_limit(limits))
+    throw InputError(fmt::format("{}: {}", root.where("safety"), *invalid));
+  return limits;
+}
+
+Eigen::Isometry3d read_robot_camera(const ConfigSection& section) {
+  if (!section.has("translation_mm") || !section.has("rotation_xyzw"))
+    throw InputError(
+        fmt::format("{} and rotation_xyzw are required: without T_robot_camera no pose "
+                    "can be given",
+                    section.where("translation_mm")));
+  const auto t = section.numbers("translation_mm", {}, 3, {-5'000, 5'000});
+  const auto q = section.numbers("rotation_xyzw", {}, 4, {-1, 1});
+  const Eigen::Quaterniond rotation{q[3], q[0], q[1], q[2]};
+  if (!(std::abs(rotation.norm() - 1) < kQuaternionTolerance))
+    throw InputError(fmt::format("{} has norm {}, not 1 within {}", section.where("rotation_xyzw"),
+                                 rotation.norm(), kQuaternionTolerance));
+  return Eigen::Translation3d{t[0], t[1], t[2]} * rotation.normalized();
+}
+
+/// The target the file states, else the first one that the registration was judged at.
+Eigen::Vector3d target_of(const ConfigSection& section, const std::vector<double>& stated,
+                          const registration::Registration& registration) {
+  if (!stated.empty()) return {stated[0], stated[1], stated[2]};
+  if (registration.tre.empty())
+    throw InputError(fmt::format("{} is missing, and the registration states no target",
+                                 section.where("target_ct_mm")));
+  return registration.tre.front().p_target_ct_mm;
+}
+
+void require_same_size(const DaemonConfig& config, const std::string& where) {
+  if (config.calibration.width_px != config.camera.width_px ||
+      config.calibration.height_px != config.camera.height_px)
+    throw InputError(
+        fmt::format("{}: the calibration is for {}x{} px, the camera is set to {}x{} px", where,
+                    config.calibration.width_px, config.calibration.height_px,
+                    config.camera.width_px, config.camera.height_px));
+}
+
+}  // namespace
+
+DaemonConfig load_daemon_config(const std::filesystem::path& file) {
+  const bridge::ConfigFile document{file};
+  const ConfigSection root = document.root();
+  DaemonConfig config;
+  config.domain = root.section("dds").integer("domain", 0, {0, 230});
+  config.loop = read_loop(root.section("loop"));
+  config.camera = read_camera(root.section("camera"));
+  config.frame_check = read_frame_check(root.section("frame_check"));
+  config.tracker = read_tracker(root);
+  config.site_model =
+      root.section("tracker").choice("site", "depth", {"depth", "planar"}) == "planar"
+          ? SiteModel::planar
+          : SiteModel::depth;
+  config.filter = read_filter(root.section("filter"));
+  config.limits = read_limits(root, config.camera.frame_rate_hz);
+  config.T_robot_camera = read_robot_camera(root.section("robot"));
+  const ConfigSection registration = root.section("registration");
+  const std::filesystem::path calibration_file = root.section("camera").path("calibration");
+  const std::filesystem::path registration_file = registration.path("file");
+  const auto stated_target = registration.numbers("target_ct_mm", {}, 3, {-2'000, 2'000});
+  document.refuse_unknown_keys();
+  config.calibration = bridge::read_camera_file(calibration_file.string());
+  require_same_size(config, root.section("camera").where("calibration"));
+  config.registration = registration::load_registration(registration_file);
+  config.p_target_ct_mm = target_of(registration, stated_target, config.registration);
+  return config;
+}
+
+}  // namespace holdfast::rt

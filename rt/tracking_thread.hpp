@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tracker on a thread of its own: newest sound frame in, stamped estimate out.
+#pragma once
+
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "rt/control_step.hpp"
+#include "rt/core/mailbox.hpp"
+#include "rt/daemon_config.hpp"
+#include "rt/frame_intake.hpp"
+
+namespace holdfast::rt {
+
+class TrackingThread {
+ public:
+  using Estimates = Mailbox<StampedEstimate>;
+
+  /// Sets the registration's keyframe and starts. Throws InputError when the keyframe or its depth
+  /// cannot be read or cannot serve. `intake` must outlive it.
+  TrackingThread(const DaemonConfig& config, FrameIntake& intake);
+  ~TrackingThread();
+  TrackingThread(const TrackingThread&) = delete;
+  TrackingThread& operator=(const TrackingThread&) = delete;
+
+  /// One reader thread each.
+  [[nodiscard]] Estimates& for_control() noexcept { return for_control_; }
+  [[nodiscard]] Estimates& for_publishing() noexcept { return for_publishing_; }
+  [[nodiscard]] const std::vector<std::string>& warnings() const noexcept { return warnings_; }
+
+ private:
+  FrameIntake& intake_;
+  Estimates for_control_;
+  Estimates for_publishing_;
+  std::vector<std::string> warnings_;
+  std::thread thread_;
+};
+
+}  // namespace holdfast::rt
