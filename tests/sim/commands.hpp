@@ -8,6 +8,8 @@
 namespace holdfast::sim {
 
 void add_camera_command(CLI::App& program);
+void add_demo_command(CLI::App& program);
+void add_reaction_commands(CLI::App& program);
 void add_operator_command(CLI::App& program);
 void add_robot_command(CLI::App& program);
 

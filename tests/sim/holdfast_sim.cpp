@@ -11,6 +11,8 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
   holdfast::sim::add_camera_command(app);
+  holdfast::sim::add_demo_command(app);
+  holdfast::sim::add_reaction_commands(app);
   holdfast::sim::add_operator_command(app);
   holdfast::sim::add_robot_command(app);
   return holdfast::bridge::run_command_line(app, argc, argv);

@@ -1,0 +1,193 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "tests/sim/demo/rig.hpp"
+
+#include <array>
+#include <cerrno>
+#include <charconv>
+#include <cstring>
+#include <thread>
+
+#include <fmt/format.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "bridge/command_line.hpp"
+#include "rt/core/clock.hpp"
+#include "rt/core/error.hpp"
+
+namespace holdfast::sim {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr auto kLook = 2ms;  // how often the observer looks for messages
+constexpr auto kStartPatience = 10s;
+constexpr auto kEndPatience = 5000ms;
+
+/// The last line a process wrote, for the message that says it is gone.
+std::string last_line(const std::filesystem::path& log) {
+  std::string line, last;
+  if (std::FILE* file = std::fopen(log.c_str(), "r"); file != nullptr) {
+    std::array<char, 1024> buffer{};
+    while (std::fgets(buffer.data(), static_cast<int>(buffer.size()), file) != nullptr)
+      last = buffer.data();
+    std::fclose(file);
+  }
+  while (!last.empty() && last.back() == '\n') last.pop_back();
+  return last;
+}
+
+}  // namespace
+
+Rig::Rig(const RigParameters& parameters)
+    : folder_(std::filesystem::absolute(parameters.folder)),
+      domain_(parameters.domain),
+      camera_address_(parameters.camera_address) {
+  std::filesystem::create_directories(folder_);
+  for (const char* old : {"camera.log", "daemon.log", "robot.log", "operator.log", "robot.csv",
+                          "truth.csv", "events.csv"})
+    std::filesystem::remove(folder_ / old);
+  const auto sim = program_folder() / "holdfast-sim";
+  ChildProcess setup{
+      sim,
+      {"camera", "--write-setup", folder_.string(), "--seed", std::to_string(parameters.seed)},
+      folder_ / "camera.log"};
+  if (setup.wait(60'000ms) != 0)
+    throw UnavailableError("set-up failed: " + last_line(folder_ / "camera.log"));
+  write_registration(folder_);
+  const std::filesystem::path config = folder_ / "holdfastd.toml";
+  std::filesystem::copy_file(parameters.daemon_config, config,
+                             std::filesystem::copy_options::overwrite_existing);
+  config_ = rt::load_daemon_config(config);
+
+  bridge::dds::ParticipantParameters observer;
+  observer.domain = static_cast<std::uint32_t>(domain_);
+  participant_ = std::make_unique<bridge::dds::Participant>(observer);
+  stops_ = std::make_unique<bridge::dds::Reader<msg::MotionStop>>(*participant_);
+  health_ = std::make_unique<bridge::dds::Reader<msg::TrackingHealth>>(*participant_);
+
+  start_camera(parameters);
+  const std::string domain = std::to_string(domain_);
+  robot_.emplace(
+      sim, std::vector<std::string>{"robot", "--domain", domain, "--log", robot_file().string()},
+      folder_ / "robot.log");
+  operator_.emplace(
+      sim,
+      std::vector<std::string>{"operator", "--domain", domain, "--auto", "--reaction-ms", "100"},
+      folder_ / "operator.log");
+  start_daemon();
+}
+
+Rig::~Rig() {
+  if (control_socket_ >= 0) close(control_socket_);
+}
+
+void Rig::start_camera(const RigParameters& parameters) {
+  camera_.emplace(program_folder() / "holdfast-sim",
+                  std::vector<std::string>{
+                      "camera", "--interface", camera_address_, "--motion", parameters.motion,
+                      "--seed", std::to_string(parameters.seed), "--truth", truth_file().string(),
+                      "--events", events_file().string(), "--control", folder_ / "camera.sock"},
+                  folder_ / "camera.log");
+  connect_control();
+}
+
+void Rig::start_daemon() {
+  daemon_.emplace(program_folder() / "holdfastd",
+                  std::vector<std::string>{"--config", folder_ / "holdfastd.toml", "--domain",
+                                           std::to_string(domain_), "--camera", camera_address_},
+                  folder_ / "daemon.log");
+}
+
+void Rig::connect_control() {
+  control_socket_ = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  sockaddr_un address{};
+  address.sun_family = AF_UNIX;
+  const std::string path = folder_ / "camera.sock";
+  if (path.size() >= sizeof(address.sun_path))
+    throw InputError(fmt::format("{}: longer than a socket's name may be ({} characters)", path,
+                                 sizeof(address.sun_path) - 1));
+  std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
+  const auto deadline = rt::monotonic_now() + kStartPatience;
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the socket API's own convention
+  while (connect(control_socket_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) !=
+         0) {
+    require_running();
+    if (rt::monotonic_now() > deadline)
+      throw UnavailableError(fmt::format("{}: {}", path, std::strerror(errno)));
+    std::this_thread::sleep_for(10ms);
+  }
+}
+
+std::chrono::nanoseconds Rig::inject(const std::string& command) {
+  const std::string line = command + "\n";
+  if (send(control_socket_, line.data(), line.size(), MSG_NOSIGNAL) !=
+      static_cast<ssize_t>(line.size()))
+    throw UnavailableError(fmt::format("virtual camera: {}", std::strerror(errno)));
+  std::string answer;
+  char c = 0;
+  while (recv(control_socket_, &c, 1, 0) == 1 && c != '\n') answer += c;
+  std::int64_t t_ns = 0;
+  if (!answer.starts_with("ok ") ||
+      std::from_chars(answer.data() + 3, answer.data() + answer.size(), t_ns).ec != std::errc{})
+    throw UnavailableError(fmt::format("virtual camera, '{}': {}", command, answer));
+  return std::chrono::nanoseconds{t_ns};
+}
+
+void Rig::require_running() {
+  const auto check = [this](std::optional<ChildProcess>& process, const char* log) {
+    if (process && !process->is_running())
+      throw UnavailableError(fmt::format("{} ended: {}", log, last_line(folder_ / log)));
+  };
+  check(camera_, "camera.log");
+  check(daemon_, "daemon.log");
+  check(robot_, "robot.log");
+  check(operator_, "operator.log");
+}
+
+bool Rig::wait_until(const std::function<bool(const msg::MotionStop&)>& holds,
+                     std::chrono::nanoseconds patience) {
+  const auto deadline = rt::monotonic_now() + patience;
+  while (true) {
+    for (const msg::MotionStop& stop : stops_->take()) newest_ = stop;
+    for (const msg::TrackingHealth& health : health_->take())
+      tracker_us_[health.frame] = health.tracker_us;
+    if (newest_ && holds(*newest_)) return true;
+    if (rt::monotonic_now() > deadline) return false;
+    if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+    require_running();
+    std::this_thread::sleep_for(kLook);
+  }
+}
+
+bool Rig::wait_permitted(std::chrono::nanoseconds patience) {
+  return wait_until([](const msg::MotionStop& stop) { return stop.is_permitted; }, patience);
+}
+
+bool Rig::wait_withdrawn(std::chrono::nanoseconds patience) {
+  return wait_until([](const msg::MotionStop& stop) { return !stop.is_permitted; }, patience);
+}
+
+void Rig::run_for(std::chrono::nanoseconds duration) {
+  (void)wait_until([](const msg::MotionStop&) { return false; }, duration);
+}
+
+std::chrono::nanoseconds Rig::kill_daemon() {
+  const auto t = rt::monotonic_now();
+  daemon_->kill_now();
+  daemon_.reset();
+  newest_.reset();
+  return t;
+}
+
+void Rig::restart_daemon() {
+  start_daemon();
+}
+
+void Rig::finish() {
+  for (auto* process : {&operator_, &robot_, &daemon_, &camera_})
+    if (*process) (void)(*process)->end(kEndPatience);
+}
+
+}  // namespace holdfast::sim
