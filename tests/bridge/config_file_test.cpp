@@ -56,6 +56,7 @@ TEST_F(ConfigFileTest, KeepsDefaultsWhenTheTableIsMissing) {
 }
 
 TEST_F(ConfigFileTest, NamesPlaceValueLimitAndUnitOfAValueOutOfRange) {
+  RecordProperty("requirement", "SR-82");
   const ConfigFile config = write("\n[safety]\n  pose_validity_ms = 500\n");
   const std::string message = message_of([&] {
     (void)config.root().section("safety").duration("pose_validity_ms", 15ms, {1, 20});
@@ -72,6 +73,7 @@ TEST_F(ConfigFileTest, RefusesNanAndInfinity) {
 }
 
 TEST_F(ConfigFileTest, SuggestsTheRightUnitForAnUnknownKey) {
+  RecordProperty("requirement", "SR-82");
   const ConfigFile config = write("[safety]\npose_validity_us = 15000\n");
   (void)config.root().section("safety").duration("pose_validity_ms", 15ms, {1, 20});
   const std::string message = message_of([&] { config.refuse_unknown_keys(); });
@@ -87,6 +89,7 @@ TEST_F(ConfigFileTest, RefusesAnUnknownTable) {
 }
 
 TEST_F(ConfigFileTest, RefusesWrongTypes) {
+  RecordProperty("requirement", "SR-82");
   const ConfigFile config = write("n = 1.5\nb = 1\nt = 2\nl = [1, 2]\ns = 3\n");
   const ConfigSection root = config.root();
   EXPECT_THROW((void)root.integer("n", 0, {0, 9}), InputError);

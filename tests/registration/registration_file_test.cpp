@@ -63,7 +63,7 @@ TEST_F(RegistrationFile, ReadsBackExactlyWhatWasSealed) {
 }
 
 TEST_F(RegistrationFile, RefusesAnyChangedDigit) {
-  RecordProperty("requirement", "SR-20");
+  RecordProperty("requirement", "SR-80");
   std::string text = sealed();
   const auto at = text.find("200.1");
   ASSERT_NE(at, std::string::npos);
