@@ -42,6 +42,7 @@ def main():
     parser.add_argument("--jobs", type=int, default=2)
     args = parser.parse_args()
     root = os.getcwd()
+    os.makedirs(args.cache, exist_ok=True)
     with open(os.path.join(args.build, "compile_commands.json"), encoding="utf-8") as stream:
         entries = json.load(stream)
     tracked = set(subprocess.run(["git", "ls-files", "--cached", "--others", "--exclude-standard", "*.cpp"],
