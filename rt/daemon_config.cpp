@@ -85,15 +85,12 @@ bridge::FrameCheckLimits read_frame_check(const ConfigSection& section) {
   return check;
 }
 
-perception::TrackerParameters read_tracker(const ConfigSection& root) {
-  const ConfigSection section = root.section("tracker");
+perception::TrackerParameters read_tracker(const ConfigSection& section) {
   perception::TrackerParameters tracker;
   tracker.features.count = section.integer("features", tracker.features.count, {100, 10'000});
   tracker.features.fast_threshold =
       section.integer("fast_threshold", tracker.features.fast_threshold, {1, 100});
   tracker.mask.is_enabled = section.boolean("reflection_mask", tracker.mask.is_enabled);
-  if (const auto invalid = perception::invalid_parameter(tracker))
-    throw InputError(fmt::format("{}: {}", root.where("tracker"), *invalid));
   return tracker;
 }
 
@@ -110,8 +107,7 @@ PoseFilterParameters read_filter(const ConfigSection& section) {
   return filter;
 }
 
-safety::Limits read_limits(const ConfigSection& root, double frame_rate_hz) {
-  const ConfigSection section = root.section("safety");
+safety::Limits read_limits(const ConfigSection& section, double frame_rate_hz) {
   safety::Limits limits;
   limits.frame_period = safety::Duration{std::llround(1e9 / frame_rate_hz)};
   limits.frame_lateness = section.duration("frame_lateness_ms", limits.frame_lateness, {0.5, 200});
@@ -136,8 +132,6 @@ safety::Limits read_limits(const ConfigSection& root, double frame_rate_hz) {
   limits.inliers_min = section.integer("inliers_min", limits.inliers_min, {6, 5'000});
   limits.inlier_spread_min =
       section.number("inlier_spread_min", limits.inlier_spread_min, {0.01, 1});
-  if (const auto invalid = safety::invalid_limit(limits))
-    throw InputError(fmt::format("{}: {}", root.where("safety"), *invalid));
   return limits;
 }
 
@@ -185,19 +179,24 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   config.loop = read_loop(root.section("loop"));
   config.camera = read_camera(root.section("camera"));
   config.frame_check = read_frame_check(root.section("frame_check"));
-  config.tracker = read_tracker(root);
+  config.tracker = read_tracker(root.section("tracker"));
   config.site_model =
       root.section("tracker").choice("site", "depth", {"depth", "planar"}) == "planar"
           ? SiteModel::planar
           : SiteModel::depth;
   config.filter = read_filter(root.section("filter"));
-  config.limits = read_limits(root, config.camera.frame_rate_hz);
+  config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
   config.T_robot_camera = read_robot_camera(root.section("robot"));
   const ConfigSection registration = root.section("registration");
   const std::filesystem::path calibration_file = root.section("camera").path("calibration");
   const std::filesystem::path registration_file = registration.path("file");
   const auto stated_target = registration.numbers("target_ct_mm", {}, 3, {-2'000, 2'000});
   document.refuse_unknown_keys();
+  // Only now: a key that is spelled wrong should not show as a contradiction with a default.
+  if (const auto invalid = perception::invalid_parameter(config.tracker))
+    throw InputError(fmt::format("{}: {}", root.where("tracker"), *invalid));
+  if (const auto invalid = safety::invalid_limit(config.limits))
+    throw InputError(fmt::format("{}: {}", root.where("safety"), *invalid));
   config.calibration = bridge::read_camera_file(calibration_file.string());
   require_same_size(config, root.section("camera").where("calibration"));
   config.registration = registration::load_registration(registration_file);
