@@ -66,6 +66,8 @@ bridge::CameraParameters read_camera(const ConfigSection& section) {
   if (section.has("packet_size_bytes"))
     camera.packet_size_bytes = section.integer("packet_size_bytes", 1400, {576, 16'000});
   camera.buffers = section.integer("buffers", camera.buffers, {3, 64});
+  camera.readout_delay = std::chrono::duration_cast<std::chrono::microseconds>(
+      section.duration("readout_delay_us", camera.readout_delay, {0, 50'000}));
   camera.stamp_is_exposure_start =
       section.boolean("stamp_is_exposure_start", camera.stamp_is_exposure_start);
   if (camera.exposure_us * camera.frame_rate_hz >= 1e6)
@@ -90,17 +92,21 @@ perception::TrackerParameters read_tracker(const ConfigSection& section) {
   tracker.features.count = section.integer("features", tracker.features.count, {100, 10'000});
   tracker.features.fast_threshold =
       section.integer("fast_threshold", tracker.features.fast_threshold, {1, 100});
+  tracker.uncertainty.relief_sigma_mm =
+      section.number("relief_sigma_mm", tracker.uncertainty.relief_sigma_mm, {0, 20});
+  tracker.uncertainty.depth_sigma_mm =
+      section.number("depth_sigma_mm", tracker.uncertainty.depth_sigma_mm, {0, 20});
   tracker.mask.is_enabled = section.boolean("reflection_mask", tracker.mask.is_enabled);
   return tracker;
 }
 
 PoseFilterParameters read_filter(const ConfigSection& section) {
   PoseFilterParameters filter;
-  filter.acceleration_sigma_mm_per_s2 =
-      section.number("acceleration_sigma_mm_per_s2", filter.acceleration_sigma_mm_per_s2, {1, 1e5});
-  filter.angular_acceleration_sigma_rad_per_s2 =
-      section.number("angular_acceleration_sigma_rad_per_s2",
-                     filter.angular_acceleration_sigma_rad_per_s2, {0.001, 1e3});
+  filter.acceleration_density_mm2_per_s3 = section.number(
+      "acceleration_density_mm2_per_s3", filter.acceleration_density_mm2_per_s3, {1, 1e6});
+  filter.angular_acceleration_density_rad2_per_s3 =
+      section.number("angular_acceleration_density_rad2_per_s3",
+                     filter.angular_acceleration_density_rad2_per_s3, {1e-6, 1e3});
   filter.innovation_gate_sigma =
       section.number("innovation_gate_sigma", filter.innovation_gate_sigma, {3, 20});
   filter.gap_max = section.duration("gap_max_ms", filter.gap_max, {10, 2'000});

@@ -131,14 +131,13 @@ void PoseFilter::propagate(std::chrono::nanoseconds t,
   F.block<3, 3>(3, 9) = dt * (Matrix3d::Identity() + W / 2 + W * W / 6);
   covariance_ = (F * covariance_ * F.transpose()).eval();
 
-  const double a = parameters.acceleration_sigma_mm_per_s2;
-  const double b = parameters.angular_acceleration_sigma_rad_per_s2;
   for (int i = 0; i < 6; ++i) {
-    const double q_i = i < 3 ? a * a : b * b;
-    covariance_(i, i) += q_i * dt * dt * dt * dt / 4;
-    covariance_(i, i + 6) += q_i * dt * dt * dt / 2;
-    covariance_(i + 6, i) += q_i * dt * dt * dt / 2;
-    covariance_(i + 6, i + 6) += q_i * dt * dt;
+    const double density = i < 3 ? parameters.acceleration_density_mm2_per_s3
+                                 : parameters.angular_acceleration_density_rad2_per_s3;
+    covariance_(i, i) += density * dt * dt * dt / 3;
+    covariance_(i, i + 6) += density * dt * dt / 2;
+    covariance_(i + 6, i) += density * dt * dt / 2;
+    covariance_(i + 6, i + 6) += density * dt;
   }
   t_ = t;
 }
