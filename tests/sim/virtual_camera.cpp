@@ -19,6 +19,7 @@
 
 #include "bridge/pixel_conversion.hpp"
 #include "rt/core/error.hpp"
+#include "tests/sim/device_waker.hpp"
 #include "tests/sim/genicam/genicam_xml.hpp"
 #include "tests/sim/render_ahead.hpp"
 
@@ -199,6 +200,7 @@ class VirtualCamera::Device {
   std::mutex power_mutex_;           // one power_up() or power_down() at a time
   mutable std::mutex device_mutex_;  // guards the pointer
   ArvGvFakeCamera* camera_ = nullptr;
+  std::unique_ptr<DeviceWaker> waker_;  // the device's thread reaches it while powered
 };
 
 void VirtualCamera::Device::power_up() {
@@ -223,6 +225,7 @@ void VirtualCamera::Device::power_up() {
     const std::lock_guard lock(device_mutex_);
     camera_ = camera;
   }
+  waker_ = std::make_unique<DeviceWaker>(address_of(parameters.interface));
   arv_fake_camera_set_fill_pattern(registers, &Device::on_fill, this);
 }
 
@@ -234,6 +237,7 @@ void VirtualCamera::Device::power_down() {
     std::swap(camera, camera_);
   }
   if (camera != nullptr) g_object_unref(camera);  // joins the device's thread
+  waker_.reset();
 }
 
 void VirtualCamera::Device::write_defaults(ArvFakeCamera* camera) const {
@@ -281,8 +285,10 @@ void VirtualCamera::Device::read_period() {
       arv_fake_camera_read_register(arv_gv_fake_camera_get_fake_camera(camera_),
                                     ARV_FAKE_CAMERA_REGISTER_ACQUISITION_FRAME_PERIOD_US,
                                     &period_us) != FALSE &&
-      period_us > 0)
+      period_us > 0) {
     period_ = std::chrono::microseconds(period_us);
+    waker_->set_period(std::chrono::microseconds(period_us));
+  }
 }
 
 nanoseconds VirtualCamera::Device::camera_clock(nanoseconds t) const {
