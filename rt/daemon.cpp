@@ -57,14 +57,25 @@ void warn(const std::vector<std::string>& warnings) {
   for (const std::string& warning : warnings) spdlog::warn("{}", warning);
 }
 
+std::string names_of(safety::ReasonSet reasons) {
+  std::string names;
+  while (!reasons.empty()) {
+    const safety::Reason reason = reasons.primary();
+    reasons.erase(reason);
+    if (safety::severity(reason) == safety::Severity::advisory) continue;
+    names += (names.empty() ? "" : " ") + std::string{safety::name(reason)};
+  }
+  return names;
+}
+
 void log_changes(Publisher::Log& log) {
   LogEvent event;
   while (log.try_pop(event)) {
-    if (event.cause == safety::Reason::none)
-      spdlog::info("{}", safety::name(event.mode));
+    const std::string reasons = names_of(event.reasons);
+    if (event.mode == safety::Mode::stop_latched)
+      spdlog::warn("stop {}: {}; present: {}", event.stop_id, safety::name(event.cause), reasons);
     else
-      spdlog::info("{}: {} (stop {}, reasons {:#x})", safety::name(event.mode),
-                   safety::name(event.cause), event.stop_id, event.reasons.bits());
+      spdlog::info("{}{}{}", safety::name(event.mode), reasons.empty() ? "" : ": ", reasons);
   }
 }
 

@@ -11,7 +11,8 @@ namespace dds = bridge::dds;
 
 constexpr auto kStopPeriod = 5ms;      // MotionStop repeats this often: four in its validity
 constexpr auto kHealthPeriod = 100ms;  // TrackingHealth too
-constexpr auto kClaimPeriod = 50ms;    // how often discovery is asked for a second publisher
+constexpr auto kLogPeriod = 1s;
+constexpr auto kClaimPeriod = 50ms;  // how often discovery is asked for a second publisher
 
 std::uint32_t whole_us(std::chrono::nanoseconds duration) {
   return static_cast<std::uint32_t>(duration.count() / 1000);
@@ -62,12 +63,7 @@ void Publisher::publish_decision() {
                           decision.stop_id != sent_stop_id_;
   // The stop message first: a robot takes no pose that was sent before its permission.
   if (is_changed || monotonic_now() - t_stop_published_ >= kStopPeriod) publish_stop(decision);
-  if (decision.mode != logged_mode_ || decision.stop_id != logged_stop_id_) {
-    logged_mode_ = decision.mode;
-    logged_stop_id_ = decision.stop_id;
-    (void)log_.try_push(
-        {monotonic_now(), decision.mode, decision.cause, decision.reasons, decision.stop_id});
-  }
+  log_decision(decision);
   if (!decision.approved) return;
   dds::PoseOrigin origin;
   origin.frame = output.frame;
@@ -75,6 +71,17 @@ void Publisher::publish_decision() {
   origin.t_frame_received = output.t_frame_received;
   origin.p_target_robot_mm = decision.approved->T_robot_ct() * p_target_ct_mm_;
   (void)poses_.publish(*decision.approved, origin);  // a loss shows as a skipped counter
+}
+
+/// Each change of mode at once; what keeps it from being permitted, once a second.
+void Publisher::log_decision(const safety::Decision& decision) {
+  const safety::Timestamp now = monotonic_now();
+  const bool is_new = decision.mode != logged_.mode || decision.stop_id != logged_.stop_id;
+  const bool is_due =
+      decision.reasons != logged_.reasons && now - logged_.t >= kLogPeriod && !decision.approved;
+  if (!is_new && !is_due) return;
+  logged_ = {now, decision.mode, decision.cause, decision.reasons, decision.stop_id};
+  (void)log_.try_push(logged_);
 }
 
 /// A withdrawal whose own report was overtaken by a newer one (the publisher was late).

@@ -53,6 +53,7 @@ class Publisher {
   void publish_overtaken(const Stop& withdrawal);
   void publish_health(const StampedEstimate& estimate, const HealthSources& health);
   void receive(ControlInbox& inbox);
+  void log_decision(const safety::Decision& decision);
   void publish_stop(const safety::Decision& decision);
 
   bridge::dds::Participant participant_;
@@ -71,8 +72,7 @@ class Publisher {
   safety::Mode sent_mode_ = safety::Mode::init;  // of the newest MotionStop sent
   safety::Reason sent_cause_ = safety::Reason::none;
   std::uint32_t sent_stop_id_ = 0;
-  safety::Mode logged_mode_ = safety::Mode::init;
-  std::uint32_t logged_stop_id_ = 0;
+  LogEvent logged_;
   safety::Timestamp t_stop_published_{};
   safety::Timestamp t_health_published_{};
   safety::Timestamp t_claim_checked_{};
