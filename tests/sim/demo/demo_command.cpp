@@ -54,6 +54,9 @@ ExpectedStop inject_fault(Rig& rig, const std::string& fault) {
   progress("  injecting: " + fault);
   (void)rig.inject("motion linear:0.1");
   rig.run_for(1s);
+  if (!rig.wait_permitted(kRecoveryPatience))
+    throw RefusedError(
+        fmt::format("no permission within {} s before '{}'", kRecoveryPatience / 1s, fault));
   ExpectedStop window{fault, rig.inject(fault + " on"), {}};
   const bool has_stopped = rig.wait_withdrawn(kStopPatience);
   rig.run_for(kFaultDuration);

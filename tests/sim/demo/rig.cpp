@@ -12,6 +12,7 @@
 #include <sys/un.h>
 #include <unistd.h>
 
+#include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
 #include "rt/core/clock.hpp"
 #include "rt/core/error.hpp"
@@ -80,6 +81,11 @@ Rig::Rig(const RigParameters& parameters)
 }
 
 Rig::~Rig() {
+  try {
+    finish();  // so that the logs are whole also when something went wrong
+  } catch (
+      ...) {  // NOLINT(bugprone-empty-catch): the error that brought us here is the one to report
+  }
   if (control_socket_ >= 0) close(control_socket_);
 }
 
@@ -150,14 +156,23 @@ bool Rig::wait_until(const std::function<bool(const msg::MotionStop&)>& holds,
                      std::chrono::nanoseconds patience) {
   const auto deadline = rt::monotonic_now() + patience;
   while (true) {
-    for (const msg::MotionStop& stop : stops_->take()) newest_ = stop;
-    for (const msg::TrackingHealth& health : health_->take())
-      tracker_us_[health.frame] = health.tracker_us;
+    listen();
     if (newest_ && holds(*newest_)) return true;
     if (rt::monotonic_now() > deadline) return false;
     if (bridge::is_interrupted()) throw InterruptedError("interrupted");
     require_running();
     std::this_thread::sleep_for(kLook);
+  }
+}
+
+void Rig::listen() {
+  for (const msg::MotionStop& stop : stops_->take()) newest_ = stop;
+  for (const msg::TrackingHealth& health : health_->take()) {
+    tracker_us_[health.frame] = health.tracker_us;
+    health_csv_ += fmt::format("{},{},{},{},{},{:.3f},{:.3f},{:.3f},{:.4f},{},{}\n", health.frame,
+                               health.t_exposure_ns, health.status, health.reason, health.inliers,
+                               health.dx_um, health.dy_um, health.drift_um, health.sigma_target_mm,
+                               health.tracker_us, health.wake_lateness_max_us);
   }
 }
 
@@ -188,6 +203,11 @@ void Rig::restart_daemon() {
 void Rig::finish() {
   for (auto* process : {&operator_, &robot_, &daemon_, &camera_})
     if (*process) (void)(*process)->end(kEndPatience);
+  bridge::write_file_atomically(
+      (folder_ / "health.csv").string(),
+      "frame,t_exposure_ns,status,reason,inliers,dx_um,dy_um,drift_um,sigma_target_mm,tracker_us,"
+      "wake_lateness_max_us\n" +
+          health_csv_);
 }
 
 }  // namespace holdfast::sim

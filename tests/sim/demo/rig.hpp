@@ -68,6 +68,7 @@ class Rig {
   void start_camera(const RigParameters& parameters);
   void start_daemon();
   void require_running();
+  void listen();
   void connect_control();
 
   std::filesystem::path folder_;
@@ -79,6 +80,7 @@ class Rig {
   std::unique_ptr<bridge::dds::Reader<msg::TrackingHealth>> health_;
   std::optional<msg::MotionStop> newest_;
   std::map<std::uint64_t, std::uint32_t> tracker_us_;
+  std::string health_csv_;  ///< health.csv, written by finish()
   std::optional<ChildProcess> camera_, daemon_, robot_, operator_;
   int control_socket_ = -1;
 };
