@@ -99,9 +99,9 @@ class Reader {
     if (flat.size() != kRows * kCols)
       fail(fmt::format("{} has {} numbers, not {}", key, flat.size(), kRows * kCols));
     Eigen::Matrix<double, kRows, kCols> matrix;
+    std::size_t i = 0;
     for (int r = 0; r < kRows; ++r)
-      for (int c = 0; c < kCols; ++c)
-        matrix(r, c) = finite(flat.at(static_cast<std::size_t>(r * kCols + c)), key);
+      for (int c = 0; c < kCols; ++c) matrix(r, c) = finite(flat.at(i++), key);
     return matrix;
   }
 
@@ -146,7 +146,7 @@ Eigen::Isometry3d require_pose(const Eigen::Matrix4d& matrix, const Reader& read
 std::filesystem::path require_file(const Reader& reader, const Reader& seals, const char* key,
                                    const std::filesystem::path& folder) {
   const std::filesystem::path name = reader.text(key);
-  const std::filesystem::path file = name.is_absolute() ? name : folder / name;
+  std::filesystem::path file = name.is_absolute() ? name : folder / name;
   if (sha256(read_file(file, kMaxImageBytes)) != seals.text(key))
     reader.fail(fmt::format("the {} file {} is not the one that was registered (checksum)", key,
                             file.string()));

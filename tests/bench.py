@@ -13,10 +13,10 @@ import tempfile
 
 # Program, arguments of a full run, arguments of a quick one.
 PROGRAMS = [
-    ("holdfast-bench-tracker", [], ["--frames", "60"]),
-    ("holdfast-bench-dds", [], []),
-    ("holdfast-bench-camera", [], ["--seconds", "3"]),
-    ("holdfast-bench-loop", ["--seconds", "60"], ["--seconds", "5"]),
+    ("holdfast-bench-tracker", [], []),
+    ("holdfast-bench-dds", [], ["--quick"]),
+    ("holdfast-bench-camera", [], ["--seconds", "2"]),
+    ("holdfast-bench-loop", ["--seconds", "60", "--load", "2"], ["--seconds", "5"]),
     ("holdfast-sim", ["reactions", "--runs", "200"], ["reactions", "--runs", "10"]),
     ("holdfast-sim", ["kills", "--runs", "100"], ["kills", "--runs", "3"]),
 ]
@@ -47,8 +47,8 @@ def main():
             continue
         figures += run(os.path.join(args.bin, name), arguments)
     for f in figures:
-        baseline = f" baseline {f['baseline']:g} ratio {f['ratio']:g}" if f.get("baseline") else ""
-        print(f"{f['name']:<48} median {f['median']:>10g}  p99 {f['p99']:>10g} {f['unit']}{baseline}")
+        parts = [f"{key} {f[key]:g}" for key in ("median", "p99", "baseline", "ratio") if f.get(key) is not None]
+        print(f"{f['name']:<48} {'  '.join(parts)} {f.get('unit') or ''}")
     if args.json:
         beside = args.json + ".part"
         with open(beside, "w", encoding="utf-8") as stream:

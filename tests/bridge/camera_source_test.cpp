@@ -175,6 +175,7 @@ TEST_F(CameraSourceTest, DeliversTheTruePixelsWithSuccessiveIds) {
 }
 
 TEST_F(CameraSourceTest, PutsMidExposureOnTheHostsClock) {
+  RecordProperty("requirement", "SR-62");
   power_up();
   Reports reports;
   const CameraSource source(matching(site->scene().parameters()), reports.callback());
@@ -195,6 +196,7 @@ TEST_F(CameraSourceTest, PutsMidExposureOnTheHostsClock) {
 }
 
 TEST_F(CameraSourceTest, ReportsLostPacketsAsIncomplete) {
+  RecordProperty("requirement", "SR-60");
   power_up();
   Reports reports;
   const CameraSource source(matching(site->scene().parameters()), reports.callback());
@@ -210,6 +212,7 @@ TEST_F(CameraSourceTest, ReportsLostPacketsAsIncomplete) {
 }
 
 TEST_F(CameraSourceTest, ReportsDroppedFramesAsGapWithTheirNumber) {
+  RecordProperty("requirement", "SR-60");
   power_up();
   Reports reports;
   const CameraSource source(matching(site->scene().parameters()), reports.callback());
@@ -222,6 +225,7 @@ TEST_F(CameraSourceTest, ReportsDroppedFramesAsGapWithTheirNumber) {
 }
 
 TEST_F(CameraSourceTest, ReportsSilenceThenReturns) {
+  RecordProperty("requirement", "SR-60");
   power_up();
   CameraParameters parameters = matching(site->scene().parameters());
   parameters.disconnect_timeout = std::chrono::seconds(30);
@@ -238,6 +242,7 @@ TEST_F(CameraSourceTest, ReportsSilenceThenReturns) {
 }
 
 TEST_F(CameraSourceTest, ReconnectsToACameraThatComesBack) {
+  RecordProperty("requirement", "SR-60");
   power_up();
   CameraParameters parameters = matching(site->scene().parameters());
   parameters.disconnect_timeout = milliseconds(300);

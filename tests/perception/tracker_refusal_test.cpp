@@ -53,12 +53,14 @@ TEST_F(TrackerRefusal, WrongSizeTypeOrEmpty) {
 }
 
 TEST_F(TrackerRefusal, NothingToSee) {
+  RecordProperty("requirement", "SR-63");
   take_keyframe();
   for (const int grey : {0, 128, 255})
     expect_lost(cv::Mat(720, 1280, CV_8UC1, cv::Scalar(grey)), TrackingReason::too_few_features);
 }
 
 TEST_F(TrackerRefusal, NoiseAlone) {
+  RecordProperty("requirement", "SR-63");
   take_keyframe();
   cv::Mat noise(720, 1280, CV_8UC1);
   cv::RNG random(5);
@@ -67,6 +69,7 @@ TEST_F(TrackerRefusal, NoiseAlone) {
 }
 
 TEST_F(TrackerRefusal, AnotherScene) {
+  RecordProperty("requirement", "SR-63");
   take_keyframe();
   const test::MovingScene other(camera, test::other_photograph(), 200);
   for (int i = 0; i < 3; ++i)
@@ -193,6 +196,7 @@ TEST_P(TrackerGlints, WithoutTheMaskTheyVoteForStandingStill) {
 }
 
 TEST_P(TrackerGlints, WithTheMaskTheSiteIsTracked) {
+  RecordProperty("requirement", "SR-64");
   const auto e = track_below_glints(GetParam(), true);
   EXPECT_EQ(e.status, TrackingStatus::tracking) << name(e.reason);
   EXPECT_NEAR(e.dx_um, 1200, 3);

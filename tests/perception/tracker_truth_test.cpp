@@ -124,6 +124,7 @@ TEST(Tracker, ReportsImagePlaneMotionRightAndDownPositive) {
 }
 
 TEST(Tracker, FrameToFrameMotionAgreesWithTheKeyframeAndSoDoesTheDrift) {
+  RecordProperty("requirement", "SR-65");
   const CameraModel camera = test::microscope_camera(1280, 720);
   const test::MovingScene scene(camera, test::photograph(), 200);
   Tracker tracker(camera, TrackerParameters{});

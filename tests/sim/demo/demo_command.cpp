@@ -29,9 +29,9 @@ struct DemoOptions {
   bool has_json = false;
 };
 
-constexpr auto kStartPatience = 30s;
+constexpr auto kStartPatience = 60s;
 constexpr auto kStopPatience = 3s;
-constexpr auto kRecoveryPatience = 20s;
+constexpr auto kRecoveryPatience = 60s;
 constexpr auto kFaultDuration = 800ms;
 
 void progress(const std::string& line) {

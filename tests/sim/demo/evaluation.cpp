@@ -194,7 +194,7 @@ std::vector<TrajectoryRecord> by_trajectory(const std::vector<SegmentSpan>& segm
 }
 
 void count_hazards(const std::vector<PoseError>& errors, const HazardLimits& limits,
-                   Evaluation& evaluation) {
+                   nanoseconds unseen_max, Evaluation& evaluation) {
   nanoseconds over_since{};
   bool is_over = false;
   bool is_counted = false;
@@ -210,7 +210,7 @@ void count_hazards(const std::vector<PoseError>& errors, const HazardLimits& lim
     if (is_over) {
       const double over_ms = to_ms(error.t_until - over_since);
       evaluation.over_limit_ms_max = std::max(evaluation.over_limit_ms_max, over_ms);
-      if (over_ms > limits.time_ms && !is_counted) {
+      if (over_ms > to_ms(unseen_max) && !is_counted) {
         ++evaluation.hazards;
         is_counted = true;
       }
@@ -285,7 +285,7 @@ Evaluation evaluate(const rt::DaemonConfig& config, const std::filesystem::path&
   const Judge judge{config, truth};
   const std::vector<PoseError> errors = judge.errors(rows);
   evaluation.trajectories = by_trajectory(segments, errors);
-  count_hazards(errors, limits, evaluation);
+  count_hazards(errors, limits, config.limits.estimate_age_max, evaluation);
   std::vector<double> tracking;
   for (const PoseError& error : errors) {
     const bool is_expected = std::any_of(expected.begin(), expected.end(), [&](const auto& window) {

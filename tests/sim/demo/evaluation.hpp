@@ -15,10 +15,9 @@
 namespace holdfast::sim {
 
 /// A permission is hazardous when the true error at the target is over the limit for longer than
-/// the time that seeing and judging one frame may take.
+/// Limits::estimate_age_max: for that long, and no longer, a motion may go unseen.
 struct HazardLimits {
   double error_mm = 0.5;
-  double time_ms = 72;  ///< two frame periods at 30 frames/s and 5 ms
 };
 
 /// A stretch in which a withdrawal is what we want: an injected fault, or a bump.

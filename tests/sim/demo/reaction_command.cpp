@@ -39,7 +39,7 @@ constexpr std::array kFaults = {Fault{"freeze", "freeze on", "freeze off"},
                                 Fault{"black", "black on", "black off"},
                                 Fault{"drop", "drop 2", ""}, Fault{"corrupt", "corrupt 1", ""}};
 
-constexpr auto kStartPatience = 30s;
+constexpr auto kStartPatience = 60s;
 constexpr auto kStopPatience = 3s;
 
 void require_permitted(Rig& rig) {
