@@ -114,7 +114,8 @@ struct ImageSequence::Impl {
 void ImageSequence::Impl::open_video() {
   bool is_open = false;
   try {
-    is_open = video.open(path);
+    // One backend: the others would take the path for a URI or a pattern, and some leak.
+    is_open = video.open(path, cv::CAP_FFMPEG);
   } catch (const cv::Exception&) {
     is_open = false;
   }

@@ -8,6 +8,7 @@
 
 #include <gtest/gtest.h>
 
+#include "safety/numbers.hpp"
 #include "tests/safety/faults.hpp"
 
 namespace holdfast::safety {
@@ -31,7 +32,8 @@ bool has_trusted_image(const Limits& limits, const Inputs& in) {
   const CameraInput& camera = in.camera;
   const TrackingInput& tracking = in.tracking;
   return camera.is_connected && camera.has_frame && camera.faults.empty() &&
-         in.now <= camera.t_last_frame_received + limits.frame_period + limits.frame_lateness &&
+         elapsed(camera.t_last_frame_received, in.now) <=
+             limits.frame_period + limits.frame_lateness &&
          tracking.has_estimate && !tracking.is_lost && !tracking.is_degraded &&
          !tracking.contradicts_filter && in.now <= tracking.t_exposure + limits.estimate_age_max &&
          tracking.t_exposure <= in.now + limits.frame_future_max &&

@@ -79,7 +79,7 @@ ImageSequence::ImageSequence(const std::filesystem::path& path) {
     for (const auto& file : files)
       frames.add(cv::imread(file.string(), cv::IMREAD_UNCHANGED), file.string());
   } else {
-    cv::VideoCapture video(path.string());
+    cv::VideoCapture video(path.string(), cv::CAP_FFMPEG);
     if (!video.isOpened()) throw InputError(fmt::format("{}: not a readable video", path.string()));
     for (cv::Mat image; video.read(image); image = cv::Mat()) frames.add(image, path.string());
   }
