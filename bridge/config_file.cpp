@@ -165,7 +165,7 @@ std::string ConfigSection::choice(std::string_view key, const std::string& fallb
 
 std::filesystem::path ConfigSection::path(std::string_view key,
                                           const std::filesystem::path& fallback) const {
-  const std::filesystem::path value = text(key, fallback.string());
+  std::filesystem::path value = text(key, fallback.string());
   if (value.empty()) throw InputError(fmt::format("{} is missing", where(key)));
   return value.is_absolute() ? value : node_->file.parent_path() / value;
 }
