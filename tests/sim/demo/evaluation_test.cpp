@@ -84,8 +84,10 @@ TEST_F(EvaluationTest, CountsAPermissionThatStaysWrongTooLongOnce) {
 TEST_F(EvaluationTest, ToleratesAnErrorNoLongerThanAMotionMayGoUnseen) {
   act(100, 188, 0.6);
   stop(188, "speed_exceeded", 187);
-  act(300, 388, 0.6);
-  EXPECT_EQ(judge().hazards, 0);
+  act(300, 370, 0.6);  // and then silence: permitted until the last pose has expired, 15 ms later
+  const Evaluation e = judge();
+  EXPECT_EQ(e.hazards, 0);
+  EXPECT_GT(e.over_limit_ms_max, 80);
 }
 
 TEST_F(EvaluationTest, MeasuresTheErrorAtTheTarget) {
