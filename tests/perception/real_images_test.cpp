@@ -22,7 +22,7 @@ constexpr int kFrames = 501;
 cv::Mat sequence_frame(int index) {
   char file[32];
   std::snprintf(file, sizeof file, "image.%04d.pgm", index + 1);
-  return cv::imread(test::kVispImages + "mire-2/" + file, cv::IMREAD_GRAYSCALE);
+  return cv::imread(test::visp_images + "mire-2/" + file, cv::IMREAD_GRAYSCALE);
 }
 
 CameraModel sequence_camera() {
@@ -73,7 +73,7 @@ TEST(RealSequence, ForwardsAndBackwardsAgree) {
 
 Features features_of(const std::string& file) {
   GreyAndMask images;
-  make_grey_and_mask(cv::imread(test::kOpenCvData + file), ReflectionMaskParameters{}, images);
+  make_grey_and_mask(cv::imread(test::opencv_data + file), ReflectionMaskParameters{}, images);
   FeatureParameters parameters;
   parameters.count = 2000;
   parameters.levels = 6;
@@ -85,7 +85,7 @@ Features features_of(const std::string& file) {
 }
 
 TEST(GrafPair, MatchesAgreeWithTheTrueHomography) {
-  const cv::FileStorage file(test::kOpenCvData + "H1to3p.xml", cv::FileStorage::READ);
+  const cv::FileStorage file(test::opencv_data + "H1to3p.xml", cv::FileStorage::READ);
   ASSERT_TRUE(file.isOpened()) << "install opencv-doc";
   cv::Mat H_true;
   file["H13"] >> H_true;

@@ -26,28 +26,28 @@ using safety::Verdict;
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 
-const std::map<std::string, Command> kCommands{{"arm", Command::arm},
-                                               {"disarm", Command::disarm},
-                                               {"stop", Command::stop},
-                                               {"acknowledge", Command::acknowledge},
-                                               {"confirm", Command::confirm}};
+const std::map<std::string, Command> command_by_name{{"arm", Command::arm},
+                                                     {"disarm", Command::disarm},
+                                                     {"stop", Command::stop},
+                                                     {"acknowledge", Command::acknowledge},
+                                                     {"confirm", Command::confirm}};
 
 const char* name_of(Command command) {
-  for (const auto& [name, value] : kCommands)
+  for (const auto& [name, value] : command_by_name)
     if (value == command) return name.c_str();
   return "none";
 }
 
 std::vector<std::string> names() {
   std::vector<std::string> result;
-  for (const auto& entry : kCommands) result.push_back(entry.first);
+  for (const auto& entry : command_by_name) result.push_back(entry.first);
   return result;
 }
 
 struct OperatorOptions {
   std::uint32_t domain = 0;
   bool is_auto = false;
-  std::string command;    ///< a name in kCommands
+  std::string command;    ///< a name in command_by_name
   double duration_s = 0;  ///< --auto: 0 is until interrupted
   double timeout_s = 5;   ///< --command: how long to wait for the daemon
   double reaction_ms = 300;
@@ -151,7 +151,7 @@ void send_once(const OperatorOptions& options) {
   for (;;) {
     const auto shown = console.look();
     if (shown && console.has_daemon()) {
-      console.send(kCommands.at(options.command), *shown);
+      console.send(command_by_name.at(options.command), *shown);
       if (!console.is_delivered(from_seconds(options.timeout_s)))
         throw UnavailableError("the daemon did not acknowledge the reception of the command");
       return;

@@ -33,12 +33,12 @@ std::array<float, kTaps> lanczos(double fraction) {
 /// Weights for 4096 fractions: 1/4096 px is far below anything measured here.
 const std::array<float, kTaps>& weights_of(double fraction) {
   constexpr int kSteps = 4096;
-  static const auto kTable = [] {
+  static const auto weight_table = [] {
     std::vector<std::array<float, kTaps>> table;
     for (int i = 0; i <= kSteps; ++i) table.push_back(lanczos(static_cast<double>(i) / kSteps));
     return table;
   }();
-  return kTable[static_cast<std::size_t>(std::lround(fraction * kSteps))];
+  return weight_table[static_cast<std::size_t>(std::lround(fraction * kSteps))];
 }
 
 template <int Channels>
@@ -87,11 +87,11 @@ perception::CameraModel distorted_camera(int width_px, int height_px) {
 }
 
 cv::Mat photograph(bool in_colour) {
-  return load(kVispImages + "Solvay/Solvay_conference_1927_Version2_2126x1463.png", in_colour);
+  return load(visp_images + "Solvay/Solvay_conference_1927_Version2_2126x1463.png", in_colour);
 }
 
 cv::Mat other_photograph() {
-  const cv::Mat small = load(kVispImages + "Klimt/Klimt.png", false);
+  const cv::Mat small = load(visp_images + "Klimt/Klimt.png", false);
   cv::Mat tiled;
   cv::resize(small, tiled, cv::Size(2126, 1463), 0, 0, cv::INTER_CUBIC);
   return tiled;

@@ -16,8 +16,8 @@
 namespace holdfast::test {
 
 /// Folders of real data that Debian packages install (config/debian-packages.txt).
-inline const std::string kVispImages = "/usr/share/visp-images-data/ViSP-images/";
-inline const std::string kOpenCvData = "/usr/share/doc/opencv-doc/examples/data/";
+inline const std::string visp_images = "/usr/share/visp-images-data/ViSP-images/";
+inline const std::string opencv_data = "/usr/share/doc/opencv-doc/examples/data/";
 
 /// A camera with 20 um per pixel at 200 mm, its principal point a little off the image centre.
 [[nodiscard]] perception::CameraModel microscope_camera(int width_px, int height_px);

@@ -98,7 +98,7 @@ std::string path(const PlotSeries& series, const Axis& x, const Axis& y) {
 }
 
 std::string legend_entry(double& at_px, const std::string& colour, const std::string& label) {
-  const std::string svg = fmt::format(
+  std::string svg = fmt::format(
       "<rect x='{:.0f}' y='{:.0f}' width='12' height='10' fill='{}'/><text x='{:.0f}' y='{:.0f}'>{}"
       "</text>\n",
       at_px, kTop - 14, colour, at_px + 16, kTop - 5, escaped(label));

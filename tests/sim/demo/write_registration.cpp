@@ -14,8 +14,8 @@ void write_registration(const std::filesystem::path& folder) {
       bridge::read_camera_file((folder / "camera.yaml").string());
   const cv::Mat depth_mm =
       bridge::read_depth_file((folder / "depth.tiff").string(), camera.width_px, camera.height_px);
-  const double z_mm =
-      depth_mm.at<float>(static_cast<int>(camera.cy_px), static_cast<int>(camera.cx_px));
+  const double z_mm = static_cast<double>(
+      depth_mm.at<float>(static_cast<int>(camera.cy_px), static_cast<int>(camera.cx_px)));
 
   registration::Registration registration;
   // Any rigid motion would do; this one has no axis in common with the camera.
