@@ -156,7 +156,7 @@ std::string ConfigSection::text(std::string_view key, const std::string& fallbac
 
 std::string ConfigSection::choice(std::string_view key, const std::string& fallback,
                                   const std::vector<std::string>& choices) const {
-  const std::string value = text(key, fallback);
+  std::string value = text(key, fallback);
   if (std::find(choices.begin(), choices.end(), value) == choices.end())
     throw InputError(
         fmt::format("{} = '{}' is none of {}", where(key), value, fmt::join(choices, ", ")));

@@ -294,8 +294,11 @@ Evaluation evaluate(const rt::DaemonConfig& config, const std::filesystem::path&
     if (!is_expected) tracking.push_back(error.at_pose_um);
   }
   evaluation.tracking_rms_um = rms(tracking);
+  nanoseconds permitted_since{};
   for (const RobotRow& row : rows) {
+    if (row.event == "permitted") permitted_since = row.t;
     if (row.event == "stopped") {
+      evaluation.permissions.push_back({permitted_since, row.t_end});
       evaluation.stops.push_back(stop_record(row, expected));
       if (evaluation.stops.back().expected.empty()) ++evaluation.false_stops;
     }

@@ -44,6 +44,10 @@ struct TrajectoryRecord {
 };
 
 struct Evaluation {
+  struct Interval {
+    std::chrono::nanoseconds from{}, to{};
+  };
+  std::vector<Interval> permissions;  ///< when the robot was permitted, by its own log
   std::vector<TrajectoryRecord> trajectories;
   std::vector<StopRecord> stops;
   int hazards = 0;
