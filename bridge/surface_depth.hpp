@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A surface file as the depth map a camera would see. Reads PLY (ascii or binary little-endian,
-// triangles, mm). The surface is in the camera's frame, or, when it carries `comment R1 r11 ...
-// r33`, in the rectified frame R1 * camera.
+// A surface file (registration/mesh_file) as the depth map a camera would see. The surface is in
+// the camera's frame, or, when it carries `comment R1 r11 ... r33`, in the rectified frame
+// R1 * camera.
 #pragma once
 
 #include <string>
