@@ -53,9 +53,15 @@ struct Phantom {
   Eigen::AlignedBox3d scan_box_mm;  ///< what a CT scan of it covers, frame ct
   /// CT number (HU) at a point of frame ct; pure, callable from many threads at once.
   std::function<float(const Eigen::Vector3f& p_ct_mm)> hounsfield;
+  /// Radius of a ball about the point in which `hounsfield` is constant (0 or less: none known);
+  /// lets a scanner skip. May be empty. Pure, as above.
+  std::function<float(const Eigen::Vector3f& p_ct_mm)> clearance_mm;
   /// The point the microscope is focused on, and the direction towards the microscope (unit).
   Eigen::Vector3d p_focus_ct_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d n_view_ct = Eigen::Vector3d::UnitZ();
+  /// What lies along this (unit, normal to n_view_ct) is to appear along the image's x: the ear's
+  /// long axis, for it fits the image only lengthways.
+  Eigen::Vector3d x_view_ct = Eigen::Vector3d::UnitX();
 };
 
 /// Paper A's phantom: an external ear, about 90 x 40 mm, with undercuts, and four holders with an
