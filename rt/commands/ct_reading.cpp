@@ -3,6 +3,7 @@
 
 #include <cstdio>
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include "bridge/command_line.hpp"
@@ -10,20 +11,40 @@
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
+namespace {
+
+/// The line of progress. Meanwhile stderr is shut: GDCM's JPEG 2000 decoder writes to it whatever
+/// it is told, and a refusal must be one line.
+struct Line {
+  int descriptor = dup(STDERR_FILENO);
+  bool is_shown = isatty(STDERR_FILENO) == 1;
+  Line() {
+    const int nowhere = open("/dev/null", O_WRONLY | O_CLOEXEC);
+    if (descriptor < 0 || nowhere < 0) return;
+    dup2(nowhere, STDERR_FILENO);
+    close(nowhere);
+  }
+  ~Line() {
+    std::fflush(stderr);
+    if (descriptor < 0) return;
+    dup2(descriptor, STDERR_FILENO);
+    close(descriptor);
+    if (is_shown) std::fputs("\r\033[K", stderr);
+  }
+  Line(const Line&) = delete;
+  Line& operator=(const Line&) = delete;
+};
+
+}  // namespace
 
 registration::CtVolume read_ct(const std::string& folder, const std::string& series_uid) {
-  struct Line {
-    bool is_shown = isatty(STDERR_FILENO) == 1;
-    ~Line() {
-      if (is_shown) std::fputs("\r\033[K", stderr);
-    }
-  };
   const Line line;
   registration::SeriesOptions options;
   options.series_uid = series_uid;
   options.progress = [&line](std::size_t done, std::size_t total) {
     if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-    if (line.is_shown && done % 16 == 0) std::fprintf(stderr, "\rslice %zu of %zu", done, total);
+    if (line.is_shown && done % 16 == 0)
+      dprintf(line.descriptor, "\rslice %zu of %zu", done, total);
   };
   return registration::read_ct_series(folder, options);
 }

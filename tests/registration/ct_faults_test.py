@@ -259,6 +259,23 @@ class CtFaults(unittest.TestCase):
                 os.truncate(path, size)
                 self.refused(1, "s017.dcm")
 
+    def test_broken_compressed_pixels_are_named_in_one_line(self):
+        self.write(series())
+        path = os.path.join(self.dicom, "s017.dcm")
+        for option in ("--jpeg", "--jpegls", "--j2k"):
+            with self.subTest(option):
+                subprocess.run(["gdcmconv", option, path, path + ".x"], check=True, capture_output=True)
+                with open(path + ".x", "r+b") as stream:
+                    size = stream.seek(0, os.SEEK_END)
+                    stream.seek(size - 700)
+                    stream.write(b"\xff\x90" * 300)
+                os.replace(path, path + ".good")
+                os.replace(path + ".x", path)
+                kept = path + ".good"
+                os.rename(kept, os.path.join(self.folder.name, "good"))
+                self.refused(1, "s017.dcm")
+                os.replace(os.path.join(self.folder.name, "good"), path)
+
     def test_unsupported_syntaxes_are_named(self):
         self.write(series())
         save(series()[0], os.path.join(self.dicom, "s000.dcm"), DeflatedExplicitVRLittleEndian)
