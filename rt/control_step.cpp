@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
+#include "safety/composition.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -55,12 +55,14 @@ void follow_registration(const safety::RegistrationInput& registration,
   state.tracking = {};
 }
 
-safety::TrackingInput tracking_input(const perception::MotionEstimate& motion) noexcept {
+safety::TrackingInput tracking_input(const StampedEstimate& estimate) noexcept {
+  const perception::MotionEstimate& motion = estimate.motion;
   safety::TrackingInput tracking;
   tracking.has_estimate = true;
   tracking.is_new = true;
   tracking.is_lost = motion.status == perception::TrackingStatus::lost;
   tracking.is_degraded = motion.status == perception::TrackingStatus::degraded;
+  tracking.registration_id = estimate.registration_id;
   tracking.t_exposure = motion.t_exposure;
   tracking.inliers = motion.inliers;
   tracking.inlier_spread = motion.inlier_spread;
@@ -70,12 +72,15 @@ safety::TrackingInput tracking_input(const perception::MotionEstimate& motion) n
 }
 
 /// Corrects the filter; false when the estimate is unfit even to be reported as the newest one.
-bool take_motion(const perception::MotionEstimate& motion, Timestamp now,
+bool take_motion(const StampedEstimate& estimate, Timestamp now,
                  const ControlParameters& parameters, ControlState& state) noexcept {
+  const perception::MotionEstimate& motion = estimate.motion;
   const bool is_lost = motion.status == perception::TrackingStatus::lost;
   const bool is_future = motion.t_exposure > now + parameters.limits.frame_future_max;
-  safety::TrackingInput tracking = tracking_input(motion);
-  if (!is_lost && !is_future) {
+  const bool is_of_other_keyframe =
+      state.has_registration && estimate.registration_id != state.registration_id;
+  safety::TrackingInput tracking = tracking_input(estimate);
+  if (!is_lost && !is_future && !is_of_other_keyframe) {
     using Correction = PoseFilter::Correction;
     const Correction correction = state.filter.correct(motion, parameters.filter);
     if (correction == Correction::not_newer || correction == Correction::invalid_number) {
@@ -94,7 +99,7 @@ void take_estimate(const Readings& readings, Timestamp now, const ControlParamet
   state.tracking.is_new = false;
   if (!readings.estimate) return;
   const StampedEstimate& estimate = *readings.estimate;
-  if (take_motion(estimate.motion, now, parameters, state)) {
+  if (take_motion(estimate, now, parameters, state)) {
     state.newest_frame = estimate.frame;
     state.t_newest_frame_received = estimate.t_frame_received;
     state.t_estimate_published = estimate.t_published;
@@ -120,6 +125,7 @@ safety::Inputs gate_inputs(Timestamp now, const ControlParameters& parameters,
   inputs.loop = readings.loop;
   if (readings.arrival_count > Readings::kMaxArrivals) inputs.loop.internal_fault = true;
   inputs.T_robot_camera = parameters.T_robot_camera;
+  inputs.hand_eye_sigma = parameters.hand_eye_sigma;
   return inputs;
 }
 
@@ -158,12 +164,6 @@ Timestamp evidence(Reason cause, Timestamp now, const safety::Limits& limits,
                                                                           : now;
 }
 
-double sigma_max(const safety::PredictedPose& prediction) noexcept {
-  Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver;
-  solver.computeDirect(prediction.covariance.topLeftCorner<3, 3>(), Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(solver.eigenvalues()(2), 0.0));
-}
-
 }  // namespace
 
 ControlOutput control_step(Timestamp now, const ControlParameters& parameters,
@@ -187,7 +187,7 @@ ControlOutput control_step(Timestamp now, const ControlParameters& parameters,
   }
   output.decision.reasons.insert(parameters.advisories.with(safety::Severity::advisory));
   output.prediction = inputs.prediction;
-  if (inputs.prediction) output.sigma_target_mm = sigma_max(*inputs.prediction);
+  output.sigma_target_mm = safety::judged_sigma_mm(inputs);
   output.t_evidence = state.t_evidence;
   output.frame = state.newest_frame;
   output.t_exposure = state.tracking.t_exposure;

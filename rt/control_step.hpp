@@ -10,6 +10,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <optional>
 
 #include "perception/motion_estimate.hpp"
@@ -22,6 +23,7 @@ struct ControlParameters {
   safety::Limits limits;
   PoseFilterParameters filter;
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
+  safety::HandEyeSigma hand_eye_sigma;
   safety::ReasonSet advisories;  ///< not_real_time, unsecured_transport
 };
 
@@ -37,6 +39,7 @@ struct FrameArrival {
 
 struct StampedEstimate {
   perception::MotionEstimate motion;
+  std::uint64_t registration_id = 0;  ///< whose keyframe the motion is measured against
   std::uint64_t frame = 0;
   safety::Timestamp t_frame_received{};
   safety::Timestamp t_published{};  ///< when the tracker handed it over
@@ -71,7 +74,9 @@ struct ControlState {
 struct ControlOutput {
   safety::Decision decision;
   std::optional<safety::PredictedPose> prediction;  ///< also when not permitted; for display only
-  double sigma_target_mm = 0;  ///< 1 sigma of the prediction at the target, largest axis
+  /// What the gate judged: 1 sigma of the target's position, largest axis, of prediction,
+  /// registration and hand-eye calibration; NaN without a prediction or a registration.
+  double sigma_target_mm = std::numeric_limits<double>::quiet_NaN();
   /// When what led to the present mode and cause was there to be seen: arrival of the faulty input,
   /// or the deadline that passed. Kept until mode or cause change; never after now.
   safety::Timestamp t_evidence{};
@@ -82,6 +87,7 @@ struct ControlOutput {
 
 /// One cycle. Everything wrong with the readings ends as a reason of the decision:
 /// - faults of all arrivals count, however many came since the previous cycle;
+/// - one measured against another keyframe than the registration's is not taken in (tracking_lost);
 /// - a lost estimate does not correct the filter; a degraded one does, and is marked;
 /// - one that contradicts the filter is not taken in (pose_jump); should all that follow contradict
 ///   too, the filter starts anew after PoseFilterParameters::gap_max, long after the gate latched;

@@ -37,6 +37,7 @@ ControlParameters control_parameters(const DaemonConfig& config, safety::ReasonS
   parameters.limits = config.limits;
   parameters.filter = config.filter;
   parameters.T_robot_camera = config.T_robot_camera;
+  parameters.hand_eye_sigma = config.hand_eye_sigma;
   parameters.advisories = advisories;
   return parameters;
 }

@@ -156,6 +156,13 @@ Eigen::Isometry3d read_robot_camera(const ConfigSection& section) {
   return Eigen::Translation3d{t[0], t[1], t[2]} * rotation.normalized();
 }
 
+safety::HandEyeSigma read_hand_eye_sigma(const ConfigSection& section) {
+  safety::HandEyeSigma sigma;
+  sigma.t_mm = section.number("sigma_t_mm", sigma.t_mm, {0, 10});
+  sigma.r_rad = section.number("sigma_r_rad", sigma.r_rad, {0, 0.1});
+  return sigma;
+}
+
 /// The target the file states, else the first one that the registration was judged at.
 Eigen::Vector3d target_of(const ConfigSection& section, const std::vector<double>& stated,
                           const registration::Registration& registration) {
@@ -193,6 +200,7 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   config.filter = read_filter(root.section("filter"));
   config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
   config.T_robot_camera = read_robot_camera(root.section("robot"));
+  config.hand_eye_sigma = read_hand_eye_sigma(root.section("robot"));
   const ConfigSection registration = root.section("registration");
   const std::filesystem::path calibration_file = root.section("camera").path("calibration");
   const std::filesystem::path registration_file = registration.path("file");

@@ -12,6 +12,7 @@
 #include "perception/tracker_parameters.hpp"
 #include "registration/registration_file.hpp"
 #include "rt/pose_filter.hpp"
+#include "safety/gate.hpp"
 #include "safety/limits.hpp"
 
 namespace holdfast::rt {
@@ -43,6 +44,7 @@ struct DaemonConfig {
   registration::Registration registration;
   Eigen::Vector3d p_target_ct_mm = Eigen::Vector3d::Zero();
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
+  safety::HandEyeSigma hand_eye_sigma;
   PoseFilterParameters filter;
   safety::Limits limits;
 };

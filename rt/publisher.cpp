@@ -106,6 +106,7 @@ void Publisher::publish_stop(const safety::Decision& decision) {
 void Publisher::publish_health(const StampedEstimate& estimate, const HealthSources& sources) {
   dds::HealthFigures figures;
   figures.frame = estimate.frame;
+  figures.registration_id = estimate.registration_id;
   figures.sigma_target_mm = report_.output.sigma_target_mm;
   figures.clock_offset_sigma_us = static_cast<double>(sources.clock_sigma.count()) / 1000.0;
   figures.frames_received = sources.frames_received;

@@ -50,18 +50,20 @@ perception::Tracker make_tracker(const DaemonConfig& config) {
 
 TrackingThread::TrackingThread(const DaemonConfig& config, FrameIntake& intake) : intake_(intake) {
   perception::Tracker tracker = make_tracker(config);
-  thread_ = std::thread{[this, tracker = std::move(tracker)]() mutable {
-    IntakeFrame frame;
-    while (intake_.wait_frame(frame)) {
-      StampedEstimate estimate;
-      estimate.motion = tracker.track(frame.image, frame.t_exposure);
-      estimate.frame = frame.frame;
-      estimate.t_frame_received = frame.t_received;
-      estimate.t_published = monotonic_now();
-      for_control_.publish(estimate);
-      for_publishing_.publish(estimate);
-    }
-  }};
+  thread_ =
+      std::thread{[this, id = config.registration.id(), tracker = std::move(tracker)]() mutable {
+        IntakeFrame frame;
+        while (intake_.wait_frame(frame)) {
+          StampedEstimate estimate;
+          estimate.motion = tracker.track(frame.image, frame.t_exposure);
+          estimate.registration_id = id;
+          estimate.frame = frame.frame;
+          estimate.t_frame_received = frame.t_received;
+          estimate.t_published = monotonic_now();
+          for_control_.publish(estimate);
+          for_publishing_.publish(estimate);
+        }
+      }};
   pthread_setname_np(thread_.native_handle(), "tracker");
   if (config.loop.tracker_priority == 0) return;
   sched_param scheduling{};

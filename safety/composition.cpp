@@ -34,6 +34,25 @@ Matrix6d covariance_at_target(const PredictedPose& prediction,
   return 0.5 * (sum + sum.transpose());  // exactly symmetric
 }
 
+Matrix6d covariance_at_target(const Inputs& inputs) noexcept {
+  const PredictedPose& prediction =
+      *inputs.prediction;  // NOLINT(bugprone-unchecked-optional-access)
+  const Eigen::Vector3d arm = prediction.T_camera_site * inputs.registration.p_target_site_mm;
+  Matrix6d root = Matrix6d::Zero();
+  root.topLeftCorner<3, 3>().diagonal().setConstant(inputs.hand_eye_sigma.t_mm);
+  root.topRightCorner<3, 3>() = -inputs.hand_eye_sigma.r_rad * skew(arm);
+  root.bottomRightCorner<3, 3>().diagonal().setConstant(inputs.hand_eye_sigma.r_rad);
+  const Matrix6d sum =
+      covariance_at_target(prediction, inputs.registration) + root * root.transpose();
+  return 0.5 * (sum + sum.transpose());
+}
+
+double judged_sigma_mm(const Inputs& inputs) noexcept {
+  if (!inputs.prediction || !inputs.registration.is_loaded)
+    return std::numeric_limits<double>::quiet_NaN();
+  return sigma_max_mm(covariance_at_target(inputs));
+}
+
 double sigma_max_mm(const Matrix6d& covariance) noexcept {
   const Eigen::Matrix3d position = covariance.topLeftCorner<3, 3>();
   if (!position.allFinite()) return std::numeric_limits<double>::infinity();

@@ -11,9 +11,12 @@
 //   dt + r x a, a = p_t - t_sc:         C_site   = J·C_reg·J^T,  J = [I, -[a]x; 0, I]
 //   Prediction error is already about the target; both are independent, to first order
 //                                       C_camera = C_pred + B(R_cs)·C_site·B(R_cs)^T
-//   Robot axes, still about the target: C_robot  = B(R_rc)·C_camera·B(R_rc)^T
+//   Hand-eye error turns about the camera; at the target, b = T_camera_site(now)·p_t, it adds
+//                                       C_hand_eye = K·diag(s_t^2 I, s_r^2 I)·K^T, K = [I, -[b]x;
+//                                       0, I]
+//   Robot axes, still about the target: C_robot  = B(R_rc)·(C_camera + C_hand_eye)·B(R_rc)^T
 //
-// with B(R) = diag(R, R). T_robot_camera itself is taken as exact.
+// with B(R) = diag(R, R); being alike along all axes, the hand-eye error may be added in either.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -25,6 +28,13 @@ namespace holdfast::safety {
 /// tx,ty,tz,rx,ry,rz (mm, rad; camera axes, about the target) of prediction and registration.
 [[nodiscard]] Matrix6d covariance_at_target(const PredictedPose& prediction,
                                             const RegistrationInput& registration) noexcept;
+
+/// That of prediction, registration and hand-eye calibration: what the gate judges and publishes.
+/// `inputs` must have a prediction.
+[[nodiscard]] Matrix6d covariance_at_target(const Inputs& inputs) noexcept;
+
+/// sigma_max_mm() of it; NaN, which every limit refuses, without a prediction or a registration.
+[[nodiscard]] double judged_sigma_mm(const Inputs& inputs) noexcept;
 
 /// The same covariance in the axes of frame a, given the rotation from b's axes to a's.
 [[nodiscard]] Matrix6d rotated(const Eigen::Matrix3d& R_a_b, const Matrix6d& covariance) noexcept;

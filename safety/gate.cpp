@@ -160,8 +160,7 @@ Decision Gate::decide(const Limits& limits, const Inputs& inputs, GateState& sta
     const PredictedPose& prediction = *inputs.prediction;
     pose.T_robot_ct_ =
         inputs.T_robot_camera * prediction.T_camera_site * inputs.registration.T_site_ct;
-    pose.covariance_ = rotated(inputs.T_robot_camera.linear(),
-                               covariance_at_target(prediction, inputs.registration));
+    pose.covariance_ = rotated(inputs.T_robot_camera.linear(), covariance_at_target(inputs));
     pose.t_pose_ = inputs.now;
     pose.validity_ = limits.pose_validity;
     pose.registration_id_ = inputs.registration.id;

@@ -38,7 +38,8 @@ struct TrackingInput {
   bool is_new = false;  ///< the estimate arrived since the previous cycle
   bool is_lost = true;
   bool is_degraded = true;
-  Timestamp t_exposure{};  ///< mid-exposure of its frame
+  std::uint64_t registration_id = 0;  ///< whose keyframe it is measured against
+  Timestamp t_exposure{};             ///< mid-exposure of its frame
   int inliers = 0;
   double inlier_spread = 0;  ///< fraction of image cells holding an inlier, 0..1
   bool has_drift = false;    ///< drift_mm was measured; without it the evidence is weak
@@ -64,6 +65,13 @@ struct RegistrationInput {
   Matrix6d covariance = Matrix6d::Zero();
   Eigen::Vector3d p_target_site_mm = Eigen::Vector3d::Zero();  ///< where accuracy is judged
   bool optics_match = true;  ///< zoom and focus are those of the registration
+};
+
+/// 1 sigma of the hand-eye calibration, alike along all axes: p_robot = Exp(r)·R·p_camera + t + dt,
+/// that is, turning about the camera. Zero takes T_robot_camera as exact.
+struct HandEyeSigma {
+  double t_mm = 0;
+  double r_rad = 0;
 };
 
 struct RobotInput {
@@ -97,6 +105,7 @@ struct Inputs {
   OperatorInput operator_command;
   LoopInput loop;
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
+  HandEyeSigma hand_eye_sigma;
 };
 
 /// What the gate remembers between cycles. Read it freely; only decide() changes it.

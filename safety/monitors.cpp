@@ -60,7 +60,8 @@ ReasonSet report_reasons(const LoopInput& loop) noexcept {
 ReasonSet number_reasons(const Inputs& inputs) noexcept {
   const bool has_motion = inputs.tracking.has_estimate && !inputs.tracking.is_lost;
   const bool is_valid =
-      is_rigid(inputs.T_robot_camera) &&
+      is_rigid(inputs.T_robot_camera) && is_magnitude(inputs.hand_eye_sigma.t_mm) &&
+      is_magnitude(inputs.hand_eye_sigma.r_rad) &&
       (!inputs.prediction || has_valid_numbers(*inputs.prediction)) &&
       (!inputs.registration.is_loaded || has_valid_numbers(inputs.registration)) &&
       (!has_motion || has_valid_numbers(inputs.tracking));
@@ -75,6 +76,15 @@ ReasonSet registration_reasons(const RegistrationInput& registration,
   const bool is_same = registration.is_loaded && registration.id == state.registration_id;
   if (state.is_keyframe_verified && !is_same) reasons.insert(Reason::registration_changed);
   if (registration.is_loaded && !registration.optics_match) reasons.insert(Reason::optics_changed);
+  return reasons;
+}
+
+ReasonSet keyframe_reasons(const RegistrationInput& registration,
+                           const TrackingInput& tracking) noexcept {
+  ReasonSet reasons;
+  const bool is_other = registration.is_loaded && tracking.has_estimate &&
+                        tracking.registration_id != registration.id;
+  if (is_other) reasons.insert(Reason::tracking_lost);
   return reasons;
 }
 
@@ -135,8 +145,9 @@ ReasonSet motion_reasons(const Limits& limits, const Inputs& inputs) noexcept {
   if (exceeds(std::abs(prediction.speed_mm_per_s), limits.speed_max_mm_per_s)) {
     reasons.insert(Reason::speed_exceeded);
   }
-  const double sigma_mm = sigma_max_mm(covariance_at_target(prediction, inputs.registration));
-  if (exceeds(sigma_mm, limits.sigma_target_max_mm)) reasons.insert(Reason::covariance_exceeded);
+  if (exceeds(judged_sigma_mm(inputs), limits.sigma_target_max_mm)) {
+    reasons.insert(Reason::covariance_exceeded);
+  }
   return reasons;
 }
 
@@ -158,6 +169,7 @@ ReasonSet observed_reasons(const Limits& limits, const Inputs& inputs,
   reasons.insert(report_reasons(inputs.loop));
   reasons.insert(number_reasons(inputs));
   reasons.insert(registration_reasons(inputs.registration, state));
+  reasons.insert(keyframe_reasons(inputs.registration, inputs.tracking));
   reasons.insert(camera_reasons(limits, inputs.camera, inputs.now));
   reasons.insert(tracking_reasons(limits, inputs.tracking, inputs.now));
   reasons.insert(motion_reasons(limits, inputs));

@@ -26,6 +26,11 @@ namespace holdfast::safety {
 [[nodiscard]] ReasonSet registration_reasons(const RegistrationInput& registration,
                                              const GateState& state) noexcept;
 
+/// tracking_lost for an estimate measured against another keyframe than the registration's: of the
+/// site that is registered it says nothing.
+[[nodiscard]] ReasonSet keyframe_reasons(const RegistrationInput& registration,
+                                         const TrackingInput& tracking) noexcept;
+
 /// camera_*, frame_*: faults as reported, frame_late, frame_time_invalid. A fault that is none of
 /// the camera's to report is an internal_fault.
 [[nodiscard]] ReasonSet camera_reasons(const Limits& limits, const CameraInput& camera,

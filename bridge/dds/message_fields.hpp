@@ -36,12 +36,12 @@ requires std::same_as<std::remove_const_t<M>, MotionStop>
 template <class M>
 requires std::same_as<std::remove_const_t<M>, TrackingHealth>
 [[nodiscard]] constexpr auto fields(M& m) noexcept {
-  return std::tie(m.frame, m.t_exposure_ns, m.status, m.reason, m.features, m.matches, m.inliers,
-                  m.inlier_spread, m.reprojection_rms_px, m.dx_um, m.dy_um, m.rotation_rad, m.scale,
-                  m.has_drift, m.drift_um, m.site_translation_mm, m.site_rotation_xyzw,
-                  m.sigma_target_mm, m.clock_offset_sigma_us, m.tracker_us, m.frames_received,
-                  m.frames_incomplete, m.frames_missing, m.frames_skipped, m.cycles,
-                  m.cycles_missed, m.wake_lateness_max_us, m.step_max_us, m.advisories);
+  return std::tie(m.frame, m.registration_id, m.t_exposure_ns, m.status, m.reason, m.features,
+                  m.matches, m.inliers, m.inlier_spread, m.reprojection_rms_px, m.dx_um, m.dy_um,
+                  m.rotation_rad, m.scale, m.has_drift, m.drift_um, m.site_translation_mm,
+                  m.site_rotation_xyzw, m.sigma_target_mm, m.clock_offset_sigma_us, m.tracker_us,
+                  m.frames_received, m.frames_incomplete, m.frames_missing, m.frames_skipped,
+                  m.cycles, m.cycles_missed, m.wake_lateness_max_us, m.step_max_us, m.advisories);
 }
 
 template <class M>

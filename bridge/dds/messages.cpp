@@ -88,6 +88,7 @@ msg::TrackingHealth to_message(const perception::MotionEstimate& estimate,
                                const HealthFigures& figures) noexcept {
   msg::TrackingHealth m{};
   m.frame = figures.frame;
+  m.registration_id = figures.registration_id;
   m.t_exposure_ns = estimate.t_exposure.count();
   m.status = static_cast<std::uint8_t>(estimate.status);
   m.reason = static_cast<std::uint8_t>(estimate.reason);

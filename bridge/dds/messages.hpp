@@ -35,7 +35,8 @@ struct PoseOrigin {
 /// What TrackingHealth says beside the estimate itself.
 struct HealthFigures {
   std::uint64_t frame = 0;
-  double sigma_target_mm = 0;
+  std::uint64_t registration_id = 0;  ///< whose keyframe the estimate is measured against
+  double sigma_target_mm = 0;         ///< as the gate judged it
   double clock_offset_sigma_us = 0;
   std::uint64_t frames_received = 0, frames_incomplete = 0, frames_missing = 0, frames_skipped = 0;
   std::uint64_t cycles = 0, cycles_missed = 0;

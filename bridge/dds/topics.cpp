@@ -29,9 +29,9 @@ constexpr std::array<TopicPolicy, 6> kPolicies{{
      .liveliness_lease = kOff},     // motion_stop carries the heartbeat
     {.name = "holdfast/motion_stop",
      .data_id = safety::DataId::motion_stop,
-     .validity = milliseconds(20),          // two heartbeats of 10 ms
+     .validity = milliseconds(20),          // four repetitions, one each 5 ms
      .reliability = Reliability::reliable,  // a lost packet must not hide a stop till the next one
-     .durability = Durability::none,        // repeated every 10 ms: late joiners wait no longer
+     .durability = Durability::none,        // repeated every 5 ms: late joiners wait no longer
      .writer_depth = 8,                     // a burst of changes survives one lost packet, in order
      .reader_depth = 64,                    // every change is seen even by a slow poller
      .deadline = milliseconds(20),          // reported as an event; the authority is the age check

@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 
 #include "rt/core/mailbox.hpp"
+#include "safety/composition.hpp"
 #include "tests/rt/virtual_inputs.hpp"
 
 namespace holdfast::rt {
@@ -62,6 +63,13 @@ class ControlStep : public ::testing::Test {
     state = {};
     now = kStart;
     output = {};
+  }
+  /// What the next cycle will publish, without changing anything.
+  double sigma_of_the_next_cycle() const {
+    testing::VirtualInputs next_inputs = inputs;
+    ControlState next_state = state;
+    const Readings readings = next_inputs.at(now + kPeriod);
+    return control_step(now + kPeriod, parameters, readings, next_state).sigma_target_mm;
   }
   void reach_permitted() {
     run(std::chrono::milliseconds(500));
@@ -290,6 +298,54 @@ TEST_F(ControlStep, AnotherRegistrationStopsAndStartsTheFilterAnew) {
   EXPECT_EQ(output.decision.cause, Reason::registration_changed);
   EXPECT_FALSE(output.prediction);
   EXPECT_FALSE(state.filter.has_state());
+}
+
+TEST_F(ControlStep, AnEstimateAgainstAnotherKeyframeIsNotTakenIn) {
+  RecordProperty("requirement", "SR-35");
+  reach_permitted();
+  spoil_next_estimate([](StampedEstimate& estimate) {
+    estimate.registration_id = 4712;
+    estimate.motion.T_camera_site.translation().x() += 0.05;  // would not show as a contradiction
+  });
+  EXPECT_EQ(output.decision.mode, Mode::hold);
+  EXPECT_EQ(output.decision.cause, Reason::tracking_lost);
+  ASSERT_TRUE(output.prediction);
+  const Eigen::Vector3d p_target = inputs.registration.p_target_site_mm;
+  const Eigen::Vector3d truth = testing::site_at(now) * p_target;
+  EXPECT_LT((output.prediction->T_camera_site * p_target - truth).norm(), 0.02);
+}
+
+TEST_F(ControlStep, PublishesTheUncertaintyThatTheGateJudged) {
+  RecordProperty("requirement", "SR-36");
+  parameters.hand_eye_sigma = {.t_mm = 0.03, .r_rad = 2e-4};
+  inputs.registration.covariance *= 2;
+  reach_permitted();
+  ASSERT_TRUE(output.decision.approved);
+  EXPECT_NEAR(output.sigma_target_mm, safety::sigma_max_mm(output.decision.approved->covariance()),
+              1e-12);
+  // A limit a hair below it refuses, one a hair above permits.
+  const safety::Limits limits = parameters.limits;
+  for (const bool is_above : {false, true}) {
+    restart();
+    parameters.limits = limits;
+    parameters.hand_eye_sigma = {.t_mm = 0.03, .r_rad = 2e-4};
+    inputs.registration.covariance *= 2;
+    run(std::chrono::milliseconds(500));
+    ASSERT_EQ(output.decision.mode, Mode::ready);
+    parameters.limits.sigma_target_max_mm =
+        sigma_of_the_next_cycle() * (is_above ? 1 + 1e-6 : 1 - 1e-6);
+    cycle();
+    EXPECT_EQ(output.decision.reasons.contains(Reason::covariance_exceeded), !is_above);
+  }
+}
+
+TEST_F(ControlStep, NoUncertaintyIsPublishedWhereNoneWasJudged) {
+  RecordProperty("requirement", "SR-36");
+  EXPECT_TRUE(std::isnan(cycle().sigma_target_mm));  // nothing predicted yet
+  inputs.registration.is_loaded = false;
+  run(std::chrono::milliseconds(500));
+  ASSERT_TRUE(output.prediction);
+  EXPECT_TRUE(std::isnan(output.sigma_target_mm));
 }
 
 TEST_F(ControlStep, UncertaintyAndSpeedAreAboutTheTarget) {

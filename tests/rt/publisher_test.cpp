@@ -135,6 +135,26 @@ TEST_F(PublisherTest, SaysWithEachHealthMessageThatItIsNotRealTime) {
   EXPECT_TRUE(safety::ReasonSet{heard.front().advisories}.contains(Reason::not_real_time));
 }
 
+TEST_F(PublisherTest, HealthCarriesTheJudgedUncertaintyAndTheKeyframesRegistration) {
+  RecordProperty("requirement", "SR-36");
+  CycleReport judged;
+  judged.output.sigma_target_mm = 0.123;
+  judged.cycles = ++cycles;
+  reports.publish(judged);
+  StampedEstimate estimate;
+  estimate.registration_id = 0xFEDC'BA98'7654'3210U;
+  estimates.publish(estimate);
+  ASSERT_TRUE(dds::eventually([&] { return health.status().matched == 1; }));
+  run();
+  std::vector<msg::TrackingHealth> heard;
+  ASSERT_TRUE(dds::eventually([&] {
+    for (const auto& message : health.take()) heard.push_back(message);
+    return !heard.empty();
+  }));
+  EXPECT_EQ(heard.front().sigma_target_mm, 0.123);
+  EXPECT_EQ(heard.front().registration_id, 0xFEDC'BA98'7654'3210U);
+}
+
 TEST_F(PublisherTest, AnnouncesTheRegistrationToLateJoiners) {
   dds::Participant late{{.domain = dds::test_domain(), .configuration = {}}};
   dds::Reader<msg::RegistrationInfo> reader{late};

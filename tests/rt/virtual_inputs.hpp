@@ -78,6 +78,7 @@ class VirtualInputs {
       if (!has_estimates) continue;
       StampedEstimate& estimate = readings.estimate.emplace();
       estimate.motion = healthy_estimate(t_exposure(next_estimate_));
+      estimate.registration_id = registration.id;
       estimate.frame = next_estimate_;
       estimate.t_frame_received = estimate.motion.t_exposure + kReceivedAfter;
       estimate.t_published = estimate.motion.t_exposure + kPublishedAfter;

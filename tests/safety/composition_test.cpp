@@ -99,6 +99,64 @@ TEST_F(CompositionTest, CovarianceAgreesWithSampledErrors) {
   EXPECT_LT(difference.cwiseAbs().maxCoeff(), 0.03);  // 1/sqrt(100000) = 0.003, ten times that
 }
 
+TEST_F(CompositionTest, HandEyeUncertaintyAgreesWithSampledErrors) {
+  RecordProperty("requirement", "SR-12,SR-31");
+  inputs.hand_eye_sigma = {.t_mm = 0.05, .r_rad = 4e-4};
+  const Eigen::Isometry3d T_camera_ct =
+      inputs.prediction->T_camera_site * inputs.registration.T_site_ct;
+  const Eigen::Vector3d p_target_ct =
+      inputs.registration.T_site_ct.inverse() * inputs.registration.p_target_site_mm;
+  const Eigen::Isometry3d T_robot_ct = inputs.T_robot_camera * T_camera_ct;
+  std::mt19937 random(4);
+  std::normal_distribution<double> normal;
+  const auto draw = [&](double sigma) {
+    return Eigen::Vector3d(sigma * normal(random), sigma * normal(random), sigma * normal(random));
+  };
+  constexpr int kSamples = 100'000;
+  Matrix6d sum = Matrix6d::Zero();
+  for (int i = 0; i < kSamples; ++i) {
+    Eigen::Isometry3d T_robot_camera = inputs.T_robot_camera;  // turns about the camera
+    T_robot_camera.linear() =
+        exponential(draw(inputs.hand_eye_sigma.r_rad)) * T_robot_camera.linear();
+    T_robot_camera.translation() += draw(inputs.hand_eye_sigma.t_mm);
+    const Eigen::Isometry3d T_sample = T_robot_camera * T_camera_ct;
+    const Eigen::AngleAxisd turn(T_sample.linear() * T_robot_ct.linear().transpose());
+    Vector6d error;
+    error << T_sample * p_target_ct - T_robot_ct * p_target_ct, turn.angle() * turn.axis();
+    sum += error * error.transpose();
+  }
+  const Matrix6d added =
+      covariance_at_target(inputs) - covariance_at_target(*inputs.prediction, inputs.registration);
+  const Matrix6d computed = rotated(inputs.T_robot_camera.linear(), added);
+  const Vector6d scale = computed.diagonal().cwiseSqrt().cwiseInverse();
+  const Matrix6d difference = scale.asDiagonal() * (sum / kSamples - computed) * scale.asDiagonal();
+  EXPECT_LT(difference.cwiseAbs().maxCoeff(), 0.03);  // as above
+}
+
+TEST_F(CompositionTest, HandEyeUncertaintyCountsAgainstTheLimit) {
+  RecordProperty("requirement", "SR-12,SR-31");
+  ASSERT_EQ(to_permitted().mode, Mode::permitted);
+  const double arm_mm = 200;  // camera to target, about
+  const auto turned = [&](double at_target_mm) {
+    return [=](Inputs& in) { in.hand_eye_sigma.r_rad = at_target_mm / arm_mm; };
+  };
+  const Decision within = step(turned(0.5 * limits.sigma_target_max_mm));
+  ASSERT_TRUE(within.approved);
+  EXPECT_GT(sigma_max_mm(within.approved->covariance()), 0.5 * limits.sigma_target_max_mm);
+  const Decision beyond = step(turned(1.1 * limits.sigma_target_max_mm));
+  EXPECT_EQ(beyond.cause, Reason::covariance_exceeded);
+}
+
+TEST_F(CompositionTest, NothingIsJudgedWithoutPredictionOrRegistration) {
+  RecordProperty("requirement", "SR-12");
+  EXPECT_GT(judged_sigma_mm(inputs), 0);
+  Inputs unpredicted = inputs;
+  unpredicted.prediction.reset();
+  EXPECT_TRUE(std::isnan(judged_sigma_mm(unpredicted)));
+  inputs.registration.is_loaded = false;
+  EXPECT_TRUE(std::isnan(judged_sigma_mm(inputs)));
+}
+
 TEST_F(CompositionTest, ApprovedPoseIsTheProductWithItsCovariance) {
   RecordProperty("requirement", "SR-31");
   const Inputs wanted = inputs;

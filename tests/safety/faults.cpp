@@ -85,6 +85,8 @@ std::vector<Fault> bad_numbers() {
       bad_number("DriftNegative", [](In& in) { in.tracking.drift_mm = -0.1; }),
       bad_number("RobotTransformNan", [](In& in) { in.T_robot_camera(0, 0) = kNan; }),
       bad_number("RobotTransformZero", [](In& in) { in.T_robot_camera.matrix().setZero(); }),
+      bad_number("HandEyeSigmaNan", [](In& in) { in.hand_eye_sigma.t_mm = kNan; }),
+      bad_number("HandEyeSigmaNegative", [](In& in) { in.hand_eye_sigma.r_rad = -1e-4; }),
   };
 }
 
@@ -127,6 +129,8 @@ std::vector<Fault> events() {
          in.tracking.is_lost = true;
          in.tracking.drift_mm = in.tracking.inlier_spread = kNan;
        }},
+      {"OtherKeyframe", Reason::tracking_lost, "SR-35",
+       [](In& in, const Lim&) { in.tracking.registration_id ^= 1U; }},
       {"NoPrediction", Reason::tracking_lost, "SR-06",
        [](In& in, const Lim&) { in.prediction.reset(); }},
       {"TrackingDegraded", Reason::tracking_degraded, "SR-06",

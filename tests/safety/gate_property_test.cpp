@@ -37,7 +37,7 @@ bool has_trusted_image(const Limits& limits, const Inputs& in) {
          tracking.has_estimate && !tracking.is_lost && !tracking.is_degraded &&
          !tracking.contradicts_filter && in.now <= tracking.t_exposure + limits.estimate_age_max &&
          tracking.t_exposure <= in.now + limits.frame_future_max &&
-         tracking.inliers >= limits.inliers_min &&
+         tracking.registration_id == in.registration.id && tracking.inliers >= limits.inliers_min &&
          tracking.inlier_spread >= limits.inlier_spread_min && tracking.has_drift &&
          tracking.drift_mm >= 0 && tracking.drift_mm <= limits.drift_max_mm;
 }
@@ -108,6 +108,7 @@ class GateProperty : public ::testing::TestWithParam<unsigned>, public test::Gat
     in.operator_command = operator_does();
     in.registration.id = registration_id;
     if (uniform() < 2e-5) in.registration.id = ++registration_id;
+    in.tracking.registration_id = in.registration.id;
     const double rate = is_storm ? 0.2 : 3e-4;
     while (uniform() < rate) {
       // The inputs that a fault reaches into may have been taken away by the one before.

@@ -276,13 +276,22 @@ TEST_F(GateTest, VerifiesOnlyWithAnImageExposedAfterTheRegistrationCame) {
 TEST_F(GateTest, AnotherRegistrationWithdrawsTheVerification) {
   RecordProperty("requirement", "SR-15,SR-32");
   to_ready();
-  const auto other = [](Inputs& in) { in.registration.id = 5; };
+  const auto other = [](Inputs& in) { in.registration.id = in.tracking.registration_id = 5; };
   const Decision decision = step(other);
   EXPECT_EQ(decision.mode, Mode::unregistered);
   EXPECT_TRUE(decision.reasons.contains(Reason::registration_changed));
   EXPECT_TRUE(decision.reasons.contains(Reason::keyframe_unverified));
   EXPECT_FALSE(step(other).reasons.contains(Reason::registration_changed));
   EXPECT_EQ(run(milliseconds(20), other).mode, Mode::ready);
+}
+
+TEST_F(GateTest, AnEstimateAgainstAnotherKeyframeVerifiesNothing) {
+  RecordProperty("requirement", "SR-35");
+  const auto other = [](Inputs& in) { in.tracking.registration_id = 5; };
+  const Decision decision = run(milliseconds(50), other);
+  EXPECT_EQ(decision.mode, Mode::unregistered);
+  EXPECT_TRUE(decision.reasons.contains(Reason::tracking_lost));
+  EXPECT_EQ(step().mode, Mode::ready);
 }
 
 TEST_F(GateTest, ARegistrationThatChangesOrGoesInUseStops) {
@@ -508,7 +517,7 @@ TEST_F(LatchedStop, ItsEndVerifiesTheRegistrationThatIsLoadedThen) {
   RecordProperty("requirement", "SR-24,SR-32");
   const auto other = [](Command command, std::uint32_t stop_id) {
     return [=](Inputs& in) {
-      in.registration.id = 5;
+      in.registration.id = in.tracking.registration_id = 5;
       in.operator_command = {command, stop_id};
     };
   };

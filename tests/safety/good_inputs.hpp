@@ -24,6 +24,7 @@ inline Inputs good_inputs(Timestamp now) {
                      .is_new = true,
                      .is_lost = false,
                      .is_degraded = false,
+                     .registration_id = kRegistrationId,
                      .t_exposure = now - milliseconds(10),
                      .inliers = 120,
                      .inlier_spread = 0.5,
