@@ -7,7 +7,6 @@
 #include <cstdio>
 #include <ctime>
 #include <filesystem>
-#include <fstream>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -20,6 +19,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "bridge/atomic_file.hpp"
 #include "bridge/camera_source.hpp"
 #include "bridge/command_line.hpp"
 #include "bridge/pixel_conversion.hpp"
@@ -185,9 +185,8 @@ void run(const Options& options) {
     results.push_back(result);
   }
   if (options.json.empty()) return;
-  std::ofstream file(options.json);
-  file << results.dump(2) << '\n';
-  if (!file) throw InputError(fmt::format("{}: cannot be written", options.json));
+  bridge::write_file_atomically(options.json, results.dump(2) + "
+");
 }
 
 }  // namespace

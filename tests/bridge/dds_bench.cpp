@@ -7,7 +7,6 @@
 #include <csignal>
 #include <cstdio>
 #include <ctime>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -20,6 +19,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "bridge/atomic_file.hpp"
 #include "bridge/client/client.hpp"
 #include "bridge/command_line.hpp"
 #include "rt/core/error.hpp"
@@ -189,9 +189,8 @@ void run(const Options& options) {
                 r["p99"].get<double>(), r["unit"].get<std::string>().c_str(),
                 r["baseline_is"].get<std::string>().c_str(), r["baseline"].get<double>());
   if (options.json.empty()) return;
-  std::ofstream file(options.json);
-  file << results.dump(2) << '\n';
-  if (!file.flush()) throw InputError(options.json + ": cannot be written");
+  bridge::write_file_atomically(options.json, results.dump(2) + "
+");
 }
 
 }  // namespace

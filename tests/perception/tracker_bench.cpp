@@ -6,7 +6,6 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <string>
 #include <vector>
 
@@ -14,8 +13,10 @@
 #include <opencv2/features2d.hpp>
 #include <sched.h>
 
+#include "bridge/atomic_file.hpp"
 #include "perception/tracker.hpp"
 #include "perception/tracker_parameters.hpp"
+#include "rt/core/error.hpp"
 #include "tests/perception/support/moving_scene.hpp"
 
 namespace {
@@ -166,9 +167,12 @@ int main(int argc, char** argv) {
   std::printf("paper B: %.0f ms a frame, %.1f um frame to frame (best of six)\n", kPaperFrameMs,
               kPaperFrameToFrameUm);
   if (has_file) {
-    std::ofstream file(argv[2]);
-    file << json_of(rows);
-    if (!file.flush()) return 2;
+    try {
+      bridge::write_file_atomically(argv[2], json_of(rows));
+    } catch (const Error& error) {
+      std::fprintf(stderr, "holdfast-bench-tracker: %s\n", error.what());
+      return 2;
+    }
   }
   return 0;
 }

@@ -4,7 +4,6 @@
 // was held up too is the machine's own; one that no witness shares would be ours.
 #include <csignal>
 #include <cstdio>
-#include <fstream>
 #include <memory>
 #include <optional>
 #include <string>
@@ -16,6 +15,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
 #include "rt/core/cyclic_thread.hpp"
 #include "rt/core/error.hpp"
@@ -240,9 +240,8 @@ void bench(const Options& options) {
   const nlohmann::json results = report(options, *run, cyclictest);
   std::puts(results.dump(2).c_str());
   if (options.json.empty()) return;
-  std::ofstream file(options.json);
-  file << results.dump(2) << '\n';
-  if (!file) throw InputError(options.json + ": cannot be written");
+  bridge::write_file_atomically(options.json, results.dump(2) + "
+");
 }
 
 }  // namespace
