@@ -81,6 +81,11 @@ void AravisCamera::open(const CameraParameters& parameters) {
   ArvDevice* device = arv_camera_get_device(camera_.get());
   if (ARV_IS_GV_DEVICE(device) && !arv_gv_device_is_controller(ARV_GV_DEVICE(device)))
     throw UnavailableError(fmt::format("camera {}: another program controls it", id));
+  const std::string found = text(arv_camera_get_device_serial_number(camera_.get(), nullptr));
+  if (!parameters.serial.empty() && found != parameters.serial)
+    throw WrongCameraError(
+        fmt::format("camera {}: has serial number {}, not {}", id, found, parameters.serial),
+        found);
   g_signal_connect(device, "control-lost", G_CALLBACK(on_control_lost), &control_lost_);
 }
 

@@ -135,6 +135,17 @@ void write_frame_rate(ArvCamera* camera, double frame_rate_hz) {
         frame_rate_hz, taken_hz));
 }
 
+void write_trigger(ArvCamera* camera, const std::string& source) {
+  ErrorSlot error;
+  if (!source.empty()) {
+    arv_camera_set_trigger(camera, source.c_str(), error.out());
+    error.check(fmt::format("camera feature TriggerSource: {}", source));
+  } else if (arv_camera_is_feature_available(camera, "TriggerMode", nullptr)) {
+    arv_camera_clear_triggers(camera, error.out());
+    error.check("camera feature TriggerMode: Off");
+  }
+}
+
 }  // namespace
 
 void throw_if(GError* error, const std::string& what) {
@@ -157,7 +168,8 @@ std::chrono::nanoseconds write_features(ArvCamera* camera, const CameraParameter
   write_region(camera, parameters);
   const auto exposure = write_exposure(camera, parameters.exposure_us);
   if (parameters.gain_db) write_gain(camera, *parameters.gain_db);
-  write_frame_rate(camera, parameters.frame_rate_hz);
+  write_trigger(camera, parameters.trigger_source);
+  if (parameters.trigger_source.empty()) write_frame_rate(camera, parameters.frame_rate_hz);
   return exposure;
 }
 

@@ -15,9 +15,10 @@ namespace holdfast::bridge {
 /// Frees it. Does nothing when it is null.
 void throw_if(GError* error, const std::string& what);
 
-/// Pixel format, region, exposure, gain, frame rate, in that order (each bounds the next). Throws
-/// InputError naming feature, value and the range or the entries that the camera offers. Returns
-/// the exposure that the camera took, which may be rounded to its own steps.
+/// Pixel format, region, exposure, gain, trigger, frame rate (when free running), in that order
+/// (each bounds the next). Throws InputError naming feature, value and the range or the entries
+/// that the camera offers. Returns the exposure that the camera took, which may be rounded to its
+/// own steps.
 [[nodiscard]] std::chrono::nanoseconds write_features(ArvCamera* camera,
                                                       const CameraParameters& parameters);
 

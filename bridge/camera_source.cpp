@@ -171,6 +171,10 @@ void CameraSource::Impl::take(ArvBuffer* buffer, nanoseconds t_received) {
 }
 
 void CameraSource::Impl::take_complete(ArvBuffer* buffer, CameraReport& report) {
+  if (last_id != 0) {
+    const auto between = frames_between(last_id, report.frame_id, camera->frame_id_width());
+    report.ids_advanced = between ? *between + 1 : 0;
+  }
   report_gap(report);
   last_id = report.frame_id;
   incomplete_since_last_id = 0;
@@ -198,21 +202,26 @@ void CameraSource::Impl::take_complete(ArvBuffer* buffer, CameraReport& report) 
 
 void CameraSource::Impl::report_gap(const CameraReport& frame) {
   if (last_id == 0) return;
-  const auto between = frames_between(last_id, frame.frame_id, camera->frame_id_width());
-  if (between && *between <= incomplete_since_last_id) return;
+  const bool is_known = frame.ids_advanced > 0;
+  if (is_known && frame.ids_advanced - 1 <= incomplete_since_last_id) return;
   CameraReport report;
   report.event = CameraEvent::gap;
   report.frame_id = frame.frame_id;
   report.t_received = frame.t_received;
   report.t_camera = frame.t_camera;
-  report.frames_missing = between ? *between - incomplete_since_last_id : 0;
+  report.frames_missing = is_known ? frame.ids_advanced - 1 - incomplete_since_last_id : 0;
   missing.fetch_add(report.frames_missing, std::memory_order_relaxed);
   callback(report);
 }
 
 void CameraSource::Impl::watch_silence() {
   const nanoseconds now = now_on(CLOCK_MONOTONIC);
-  if (camera->is_control_lost() || now - t_last_buffer >= parameters.disconnect_timeout) {
+  if (camera->is_control_lost()) {
+    lose();
+    return;
+  }
+  if (!parameters.trigger_source.empty()) return;  // silent until triggered
+  if (now - t_last_buffer >= parameters.disconnect_timeout) {
     lose();
   } else if (now - t_silence_reported >= parameters.frame_timeout) {
     t_silence_reported = now;

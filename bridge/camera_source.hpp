@@ -14,6 +14,8 @@
 
 #include <opencv2/core.hpp>
 
+#include "rt/core/error.hpp"
+
 namespace holdfast::bridge {
 
 enum class PixelFormat : std::uint8_t {
@@ -28,11 +30,17 @@ enum class PixelFormat : std::uint8_t {
 };
 
 struct CameraParameters {
-  std::string id;      ///< Aravis id, IP address or empty
-  std::string serial;  ///< used when id is empty; both empty: the first camera found
+  std::string id;  ///< Aravis id, IP address or empty
+  /// Without an id the camera is searched by it; with one, the camera there must have it. Both
+  /// empty: the first camera found.
+  std::string serial;
   PixelFormat pixel_format = PixelFormat::mono8;
   int width_px = 1920, height_px = 1080, offset_x_px = 0, offset_y_px = 0;
-  double frame_rate_hz = 30;
+  double frame_rate_hz = 30;  ///< with a trigger: the highest rate of triggers to expect
+  /// TriggerSource of FrameStart, as the camera names it, e.g. "Line1". Empty: free running, and
+  /// any trigger that the camera was left with is switched off. With a trigger silence is no fault:
+  /// no `silent` is reported, and `disconnected` only when the control channel is lost.
+  std::string trigger_source;
   double exposure_us = 5000;
   std::optional<double> gain_db;         ///< absent: left as the camera has it
   std::optional<int> packet_size_bytes;  ///< GigE only; absent: negotiated
@@ -65,6 +73,9 @@ struct CameraReport {
   /// gap: ids skipped and not reported as incomplete; 0 when the ids went back (the camera
   /// restarted), so that the number is not known.
   std::uint64_t frames_missing = 0;
+  /// frame: by how many its id is ahead of the previous complete frame's; 0: unknown (the first
+  /// since connecting, or the ids went back).
+  std::uint64_t ids_advanced = 0;
   int buffer_status = 0;                  ///< incomplete: Aravis' ArvBufferStatus
   std::size_t received_bytes = 0;         ///< frame, incomplete of a wrong size: bytes of the image
   std::chrono::nanoseconds t_received{};  ///< host CLOCK_MONOTONIC, when the last packet was in
@@ -73,6 +84,14 @@ struct CameraReport {
   std::chrono::nanoseconds clock_offset_sigma{};  ///< uncertainty of that conversion
   cv::Mat image;  ///< CV_8UC1, CV_16UC1 (mono12: 0..4095, unscaled) or CV_8UC3 BGR; in the pool,
                   ///< valid during the call only; empty unless event is frame
+};
+
+/// The camera that answers is not the one that was asked for.
+class WrongCameraError : public InputError {
+ public:
+  WrongCameraError(const std::string& line, std::string serial)
+      : InputError(line), found_serial(std::move(serial)) {}
+  std::string found_serial;
 };
 
 struct CameraCounters {
@@ -84,8 +103,9 @@ class CameraSource {
  public:
   using Callback =
       std::function<void(const CameraReport&)>;  ///< called on the camera thread; must not block
-  /// Throws UnavailableError when the camera is not there, InputError when it refuses a parameter
-  /// (naming the feature, the value, and the range the camera offers).
+  /// Throws UnavailableError when the camera is not there, WrongCameraError when another is in its
+  /// place, InputError when it refuses a parameter (naming the feature, the value, and the range
+  /// the camera offers).
   CameraSource(const CameraParameters& parameters, Callback callback);
   ~CameraSource();
   CameraSource(const CameraSource&) = delete;

@@ -3,11 +3,8 @@
 #include "bridge/camera_source.hpp"
 
 #include <array>
-#include <condition_variable>
 #include <cstdio>
-#include <functional>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <vector>
@@ -18,10 +15,9 @@
 #include "bridge/frame_check.hpp"
 #include "bridge/frame_ids.hpp"
 #include "rt/core/error.hpp"
+#include "tests/bridge/camera_reports.hpp"
 #include "tests/sim/camera_control.hpp"
 #include "tests/sim/moving_site.hpp"
-#include "tests/sim/private_network.hpp"
-#include "tests/sim/virtual_camera.hpp"
 
 namespace holdfast::bridge {
 namespace {
@@ -36,79 +32,32 @@ class PrivateNetwork : public ::testing::Environment {
 [[maybe_unused]] const auto* const kPrivateNetwork =
     ::testing::AddGlobalTestEnvironment(new PrivateNetwork);
 
-// Long enough for a starved machine; reached only when the test fails.
-constexpr std::chrono::seconds kPatience{60};
+using test::Sent;
 
 // Every report, with a copy of its image if one is wanted.
-class Reports {
+class Reports : public test::Collected<CameraReport> {
  public:
   explicit Reports(bool keep_images = false) : keep_images_(keep_images) {}
   CameraSource::Callback callback() {
     return [this](const CameraReport& report) {
       CameraReport kept = report;
       kept.image = keep_images_ ? report.image.clone() : cv::Mat();
-      const std::lock_guard lock(mutex_);
-      all_.push_back(std::move(kept));
-      changed_.notify_all();
+      add(std::move(kept));
     };
   }
-  using Predicate = std::function<bool(const CameraReport&)>;
-  // The nth report from `begin` on that is so; empty when it does not come.
-  std::optional<CameraReport> await(const Predicate& is_so, std::size_t begin = 0, int nth = 1) {
-    std::unique_lock lock(mutex_);
-    std::optional<CameraReport> found;
-    changed_.wait_for(lock, kPatience, [&] {
-      int seen = 0;
-      for (std::size_t i = begin; i < all_.size(); ++i)
-        if (is_so(all_[i]) && ++seen == nth) {
-          found = all_[i];
-          return true;
-        }
-      return false;
-    });
-    return found;
-  }
+  using Collected::await;
   std::optional<CameraReport> await(CameraEvent event, std::size_t begin = 0, int nth = 1) {
     return await([event](const CameraReport& report) { return report.event == event; }, begin, nth);
   }
-  std::size_t size() {
-    const std::lock_guard lock(mutex_);
-    return all_.size();
-  }
   std::vector<CameraReport> frames() {
-    const std::lock_guard lock(mutex_);
     std::vector<CameraReport> found;
-    for (const CameraReport& report : all_)
+    for (const CameraReport& report : all())
       if (report.event == CameraEvent::frame) found.push_back(report);
     return found;
   }
 
  private:
   const bool keep_images_;
-  std::mutex mutex_;
-  std::condition_variable changed_;
-  std::vector<CameraReport> all_;
-};
-
-// What the device says it sent.
-class Sent {
- public:
-  sim::VirtualCamera::OnFrame callback() {
-    return [this](const sim::SentFrame& frame) {
-      const std::lock_guard lock(mutex_);
-      all_.push_back(frame);
-    };
-  }
-  std::optional<sim::SentFrame> with_id(std::uint64_t id) {
-    const std::lock_guard lock(mutex_);
-    for (const sim::SentFrame& frame : all_)
-      if (frame.frame_id == id) return frame;
-    return std::nullopt;
-  }
-
- private:
-  std::mutex mutex_;
-  std::vector<sim::SentFrame> all_;
 };
 
 sim::SceneParameters small_scene(int width_px = 640, int height_px = 480) {
@@ -126,6 +75,7 @@ CameraParameters matching(const sim::SceneParameters& scene) {
   parameters.height_px = scene.height_px;
   parameters.packet_size_bytes = 8192;
   parameters.frame_timeout = milliseconds(150);
+  parameters.readout_delay = sim::VirtualCameraParameters{}.readout;
   return parameters;
 }
 
@@ -324,6 +274,31 @@ TEST_F(CameraSourceTest, RefusesExposureGainAndRateOutOfRange) {
       for (const char* part : parts[i])
         EXPECT_NE(std::string(e.what()).find(part), std::string::npos) << e.what();
     }
+}
+
+TEST_F(CameraSourceTest, RefusesACameraWithAnotherSerialNumber) {
+  power_up();
+  CameraParameters parameters = matching(site->scene().parameters());
+  parameters.serial = "ANOTHER";
+  try {
+    const CameraSource source(parameters, [](const CameraReport&) {});
+    FAIL() << "accepted";
+  } catch (const WrongCameraError& e) {
+    EXPECT_EQ(e.found_serial, "HOLDFAST-SIM");
+    EXPECT_NE(std::string(e.what()).find("ANOTHER"), std::string::npos) << e.what();
+  }
+}
+
+TEST_F(CameraSourceTest, RefusesATriggerTheCameraDoesNotOffer) {
+  power_up();
+  CameraParameters parameters = matching(site->scene().parameters());
+  parameters.trigger_source = "Line7";
+  try {
+    const CameraSource source(parameters, [](const CameraReport&) {});
+    FAIL() << "accepted";
+  } catch (const InputError& e) {
+    EXPECT_NE(std::string(e.what()).find("Line7"), std::string::npos) << e.what();
+  }
 }
 
 TEST_F(CameraSourceTest, SaysWhenTheCameraIsNotThere) {

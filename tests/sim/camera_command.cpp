@@ -16,8 +16,8 @@
 #include "tests/sim/camera_log.hpp"
 #include "tests/sim/camera_setup.hpp"
 #include "tests/sim/commands.hpp"
-#include "tests/sim/image_sequence.hpp"
 #include "tests/sim/moving_site.hpp"
+#include "tests/sim/recorded_frames.hpp"
 #include "tests/sim/virtual_camera.hpp"
 
 namespace holdfast::sim {
@@ -68,7 +68,7 @@ class Session {
     } else {
       if (!options.truth.empty())
         throw InputError("--truth: images from files have no known truth");
-      sequence_ = std::make_unique<ImageSequence>(options.sequence);
+      sequence_ = std::make_unique<RecordedFrames>(options.sequence);
     }
     FrameSource& source = site_ ? static_cast<FrameSource&>(*site_) : *sequence_;
     camera_ = std::make_unique<VirtualCamera>(
@@ -127,7 +127,7 @@ class Session {
   std::size_t next_ = 0;
   EventLog events_;
   std::unique_ptr<MovingSite> site_;
-  std::unique_ptr<ImageSequence> sequence_;
+  std::unique_ptr<RecordedFrames> sequence_;
   std::unique_ptr<TruthLog> truth_;
   std::unique_ptr<VirtualCamera> camera_;
   std::unique_ptr<CameraControl> control_;
@@ -176,6 +176,11 @@ void add_device_options(CLI::App& command, Options& options) {
       ->capture_default_str();
   command.add_option("--exposure-us", camera.exposure_us, "until a client sets another")
       ->capture_default_str();
+  command
+      .add_option_function<int>(
+          "--readout-us", [&camera](int us) { camera.readout = std::chrono::microseconds(us); },
+          "from the end of exposure to the first packet (default 2000)")
+      ->check(CLI::Range(0, 50'000));
   command.add_option("--clock-drift-ppm", camera.clock_drift_ppm, "of the camera's clock")
       ->capture_default_str();
 }

@@ -12,5 +12,6 @@ void add_demo_command(CLI::App& program);
 void add_reaction_commands(CLI::App& program);
 void add_operator_command(CLI::App& program);
 void add_robot_command(CLI::App& program);
+void add_stereo_command(CLI::App& program);
 
 }  // namespace holdfast::sim

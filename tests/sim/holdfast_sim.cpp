@@ -15,5 +15,6 @@ int main(int argc, char** argv) {
   holdfast::sim::add_reaction_commands(app);
   holdfast::sim::add_operator_command(app);
   holdfast::sim::add_robot_command(app);
+  holdfast::sim::add_stereo_command(app);
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

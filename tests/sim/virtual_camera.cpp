@@ -8,59 +8,25 @@
 #include <mutex>
 #include <optional>
 
-#include <arpa/inet.h>
 #include <arv.h>
 #include <fmt/core.h>
-#include <ifaddrs.h>
-#include <netinet/in.h>
-#include <sys/mman.h>
-#include <sys/socket.h>
-#include <unistd.h>
 
-#include "bridge/pixel_conversion.hpp"
 #include "rt/core/error.hpp"
-#include "tests/sim/device_waker.hpp"
-#include "tests/sim/genicam/genicam_xml.hpp"
+#include "tests/sim/gige_device.hpp"
 #include "tests/sim/render_ahead.hpp"
 
 namespace holdfast::sim {
 namespace {
 
-using bridge::PixelFormat;
 using std::chrono::nanoseconds;
 
-constexpr std::uint16_t kGvcpPort = 3956;
-constexpr guint32 kPacketSizeRegister = 0x0d04;  // GigE Vision bootstrap: stream channel 0
-constexpr guint32 kVendorRegister = 0x48, kModelRegister = 0x68;
 constexpr std::uint64_t kFrameIds = 65535;    // 1..65535, GigE Vision 1.x
 constexpr nanoseconds kGridSlack{3'000'000};  // woken later than this: not on the grid
-
-struct Code {
-  PixelFormat format;
-  guint32 code;
-};
-constexpr Code kCodes[] = {
-    {PixelFormat::mono8, ARV_PIXEL_FORMAT_MONO_8},
-    {PixelFormat::mono12, ARV_PIXEL_FORMAT_MONO_12},
-    {PixelFormat::bayer_rg8, ARV_PIXEL_FORMAT_BAYER_RG_8},
-    {PixelFormat::bayer_gb8, ARV_PIXEL_FORMAT_BAYER_GB_8},
-    {PixelFormat::bayer_gr8, ARV_PIXEL_FORMAT_BAYER_GR_8},
-    {PixelFormat::bayer_bg8, ARV_PIXEL_FORMAT_BAYER_BG_8},
-    {PixelFormat::rgb8, ARV_PIXEL_FORMAT_RGB_8_PACKED},
-    {PixelFormat::bgr8, ARV_PIXEL_FORMAT_BGR_8_PACKED},
-};
-
-guint32 code_of(PixelFormat format) {
-  for (const Code& entry : kCodes)
-    if (entry.format == format) return entry.code;
-  return ARV_PIXEL_FORMAT_MONO_8;
-}
-
-std::optional<PixelFormat> format_of(guint32 code) {
-  for (const Code& entry : kCodes)
-    if (entry.code == code) return entry.format;
-  return std::nullopt;
-}
+// While it waits for a trigger the device's thread answers no control packet: not for long.
+constexpr std::chrono::milliseconds kTriggerWait{10};
+// A trigger that came while the device was busy is still taken when it is no older than this.
+constexpr std::chrono::milliseconds kTriggerLatched{50};
+constexpr std::chrono::microseconds kSpin{100};  // a sleeper may oversleep by about this
 
 nanoseconds now_on(clockid_t clock) noexcept {
   timespec t{};
@@ -68,56 +34,30 @@ nanoseconds now_on(clockid_t clock) noexcept {
   return std::chrono::seconds(t.tv_sec) + nanoseconds(t.tv_nsec);
 }
 
-in_addr address_of(const std::string& interface) {
-  in_addr found{};
-  if (inet_pton(AF_INET, interface.c_str(), &found) == 1) return found;
-  ifaddrs* list = nullptr;
-  if (getifaddrs(&list) == 0) {
-    const std::unique_ptr<ifaddrs, decltype(&freeifaddrs)> guard(list, freeifaddrs);
-    for (const ifaddrs* i = list; i != nullptr; i = i->ifa_next)
-      if (i->ifa_addr != nullptr && i->ifa_addr->sa_family == AF_INET && interface == i->ifa_name) {
-        sockaddr_in address{};
-        std::memcpy(&address, i->ifa_addr, sizeof address);
-        return address.sin_addr;
-      }
+// Sleeps until shortly before `t`, then looks at the clock until it is there.
+void wait_until(nanoseconds t) noexcept {
+  const std::int64_t wake_ns = (t - kSpin).count();
+  const timespec wake{wake_ns / 1'000'000'000, wake_ns % 1'000'000'000};
+  clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &wake, nullptr);
+  while (now_on(CLOCK_MONOTONIC) < t) {
   }
-  throw UnavailableError(fmt::format("virtual camera: no network interface {}", interface));
 }
 
-// Aravis only warns when its control port is taken: ask first.
-void require_free_port(const std::string& interface) {
-  sockaddr_in address{};
-  address.sin_family = AF_INET;
-  address.sin_addr = address_of(interface);
-  address.sin_port = htons(kGvcpPort);
-  const int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
-  sockaddr generic{};
-  std::memcpy(&generic, &address, sizeof generic);
-  const bool is_free = probe >= 0 && bind(probe, &generic, sizeof address) == 0;
-  const std::string reason = is_free ? "" : std::strerror(errno);
-  if (probe >= 0) close(probe);
-  if (!is_free)
-    throw UnavailableError(fmt::format("virtual camera: UDP port {} of {} cannot be used: {}",
-                                       kGvcpPort, interface, reason));
+void validate(const VirtualCameraParameters& parameters) {
+  if (parameters.serial.empty() || parameters.serial.size() > 15)
+    throw InputError(
+        fmt::format("virtual camera: serial \"{}\" must have 1..15 characters", parameters.serial));
+  const auto require_within = [](const char* what, double value, double lowest, double highest,
+                                 const char* unit) {
+    if (!(value >= lowest && value <= highest))
+      throw InputError(fmt::format("virtual camera: {} {:g} {} is outside {:g}..{:g}", what, value,
+                                   unit, lowest, highest));
+  };
+  require_within("frame rate", parameters.frame_rate_hz, 1, 200, "Hz");
+  require_within("exposure", parameters.exposure_us, 10, 100'000, "us");
+  require_within("read-out", static_cast<double>(parameters.readout.count()), 0, 50'000, "us");
+  require_within("packet size", parameters.packet_size_bytes, 576, 16'000, "bytes");
 }
-
-// Aravis reads the description from a file: give it one that exists only in memory.
-class DescriptionFile {
- public:
-  DescriptionFile() : descriptor_(memfd_create("genicam.xml", MFD_CLOEXEC)) {
-    const std::string_view xml = virtual_camera_genicam_xml();
-    if (descriptor_ < 0 ||
-        write(descriptor_, xml.data(), xml.size()) != static_cast<ssize_t>(xml.size()))
-      throw UnavailableError("virtual camera: cannot hold the GenICam description in memory");
-  }
-  ~DescriptionFile() { close(descriptor_); }
-  DescriptionFile(const DescriptionFile&) = delete;
-  DescriptionFile& operator=(const DescriptionFile&) = delete;
-  [[nodiscard]] std::string path() const { return fmt::format("/proc/self/fd/{}", descriptor_); }
-
- private:
-  int descriptor_;
-};
 
 struct Faults {
   bool freeze = false, black = false, occlude = false, drop = false;
@@ -136,18 +76,7 @@ class VirtualCamera::Device {
         sensor_(source.sensor_px()),
         on_frame_(std::move(report)),
         ahead_(source) {
-    if (parameters.serial.empty() || parameters.serial.size() > 15)
-      throw InputError(fmt::format("virtual camera: serial \"{}\" must have 1..15 characters",
-                                   parameters.serial));
-    if (!(parameters.frame_rate_hz >= 1 && parameters.frame_rate_hz <= 200))
-      throw InputError(fmt::format("virtual camera: frame rate {:g} Hz is outside 1..200",
-                                   parameters.frame_rate_hz));
-    if (!(parameters.exposure_us >= 10 && parameters.exposure_us <= 100'000))
-      throw InputError(fmt::format("virtual camera: exposure {:g} us is outside 10..100000",
-                                   parameters.exposure_us));
-    if (parameters.packet_size_bytes < 576 || parameters.packet_size_bytes > 16000)
-      throw InputError(fmt::format("virtual camera: packet size {} is outside 576..16000 bytes",
-                                   parameters.packet_size_bytes));
+    validate(parameters);
     frame_id_ = parameters.first_frame_id == 0 ? kFrameIds : parameters.first_frame_id - 1U;
     power_up();
   }
@@ -165,7 +94,7 @@ class VirtualCamera::Device {
   void power_down();
   [[nodiscard]] bool is_up() const {
     const std::lock_guard lock(device_mutex_);
-    return camera_ != nullptr;
+    return gige_ != nullptr;
   }
 
   const VirtualCameraParameters parameters;
@@ -177,13 +106,20 @@ class VirtualCamera::Device {
     static_cast<Device*>(self)->expose(buffer, std::chrono::microseconds(exposure_us),
                                        pixel_format);
   }
-  void write_defaults(ArvFakeCamera* camera) const;
   void expose(ArvBuffer* buffer, nanoseconds exposure, guint32 pixel_format);
   [[nodiscard]] Faults faults_of_this_exposure();
-  void set_lost_share(double share);
-  void read_period();
+  /// Runs `use` on the device, unless it is being powered down.
+  template <typename Use>
+  void with_device(Use use) {
+    const std::lock_guard lock(device_mutex_);
+    if (gige_) use(*gige_);
+  }
+  void read_registers();
+  /// When the exposure that is now due began to be read out; empty when none is due.
+  [[nodiscard]] std::optional<nanoseconds> exposure_end(nanoseconds exposure);
+  [[nodiscard]] nanoseconds grid_instant() const;
   [[nodiscard]] nanoseconds camera_clock(nanoseconds t) const;
-  [[nodiscard]] nanoseconds exposure_end() const;
+  void count_discarded(nanoseconds t_mid);
 
   const cv::Size sensor_;
   const OnFrame on_frame_;
@@ -193,72 +129,41 @@ class VirtualCamera::Device {
   Faults faults_;
 
   // The device's thread's own, while powered.
-  std::uint64_t frame_id_ = 0;
+  std::uint64_t frame_id_ = 0, last_pulse_ = 0;
   nanoseconds t_power_up_{}, t_last_mid_{}, period_{};
-  std::vector<std::uint8_t> last_image_;
+  TriggerState trigger_ = TriggerState::free_running;
+  bool has_software_trigger_ = false;
+  const std::vector<std::uint8_t>* last_image_ = nullptr;  // ahead_'s own
 
   std::mutex power_mutex_;           // one power_up() or power_down() at a time
   mutable std::mutex device_mutex_;  // guards the pointer
-  ArvGvFakeCamera* camera_ = nullptr;
-  std::unique_ptr<DeviceWaker> waker_;  // the device's thread reaches it while powered
+  std::unique_ptr<GigeDevice> gige_;
 };
 
 void VirtualCamera::Device::power_up() {
   const std::lock_guard power(power_mutex_);
   if (is_up()) return;
-  require_free_port(parameters.interface);
-  const DescriptionFile description;
+  auto gige = std::make_unique<GigeDevice>(
+      parameters.interface, parameters.serial,
+      DeviceDefaults{sensor_, parameters.format, parameters.frame_rate_hz, parameters.exposure_us,
+                     parameters.packet_size_bytes});
   t_power_up_ = now_on(CLOCK_MONOTONIC);
   t_last_mid_ = {};
-  last_image_.clear();
-  ArvGvFakeCamera* camera = arv_gv_fake_camera_new_full(
-      parameters.interface.c_str(), parameters.serial.c_str(), description.path().c_str());
-  if (arv_gv_fake_camera_is_running(camera) == FALSE) {
-    g_object_unref(camera);
-    throw UnavailableError(
-        fmt::format("virtual camera: no network interface {}", parameters.interface));
-  }
-  ArvFakeCamera* registers = arv_gv_fake_camera_get_fake_camera(camera);
-  write_defaults(registers);
+  last_image_ = nullptr;
   period_ = nanoseconds(std::llround(1e9 / parameters.frame_rate_hz));
-  {
-    const std::lock_guard lock(device_mutex_);
-    camera_ = camera;
-  }
-  waker_ = std::make_unique<DeviceWaker>(address_of(parameters.interface));
-  arv_fake_camera_set_fill_pattern(registers, &Device::on_fill, this);
+  const std::lock_guard lock(device_mutex_);
+  gige_ = std::move(gige);
+  gige_->set_fill(&Device::on_fill, this);
 }
 
 void VirtualCamera::Device::power_down() {
   const std::lock_guard power(power_mutex_);
-  ArvGvFakeCamera* camera = nullptr;
+  std::unique_ptr<GigeDevice> gige;
   {
     const std::lock_guard lock(device_mutex_);
-    std::swap(camera, camera_);
+    std::swap(gige, gige_);
   }
-  if (camera != nullptr) g_object_unref(camera);  // joins the device's thread
-  waker_.reset();
-}
-
-void VirtualCamera::Device::write_defaults(ArvFakeCamera* camera) const {
-  const auto write_text = [camera](guint32 address, std::string_view value) {
-    char field[32] = {};
-    value.copy(field, sizeof field - 1);
-    arv_fake_camera_write_memory(camera, address, sizeof field, field);
-  };
-  const auto write = [camera](guint32 address, double value) {
-    arv_fake_camera_write_register(camera, address, static_cast<guint32>(std::lround(value)));
-  };
-  write_text(kVendorRegister, "Holdfast");
-  write_text(kModelRegister, "VirtualCamera");
-  write(ARV_FAKE_CAMERA_REGISTER_SENSOR_WIDTH, sensor_.width);
-  write(ARV_FAKE_CAMERA_REGISTER_SENSOR_HEIGHT, sensor_.height);
-  write(ARV_FAKE_CAMERA_REGISTER_WIDTH, sensor_.width);
-  write(ARV_FAKE_CAMERA_REGISTER_HEIGHT, sensor_.height);
-  write(ARV_FAKE_CAMERA_REGISTER_PIXEL_FORMAT, code_of(parameters.format));
-  write(ARV_FAKE_CAMERA_REGISTER_ACQUISITION_FRAME_PERIOD_US, 1e6 / parameters.frame_rate_hz);
-  write(ARV_FAKE_CAMERA_REGISTER_EXPOSURE_TIME_US, parameters.exposure_us);
-  write(kPacketSizeRegister, parameters.packet_size_bytes);
+  gige.reset();  // joins the device's thread, which may be waiting for the pointer's mutex
 }
 
 Faults VirtualCamera::Device::faults_of_this_exposure() {
@@ -272,23 +177,16 @@ Faults VirtualCamera::Device::faults_of_this_exposure() {
   return now;
 }
 
-void VirtualCamera::Device::set_lost_share(double share) {
-  const std::lock_guard lock(device_mutex_);
-  if (camera_ != nullptr) g_object_set(camera_, "gvsp-lost-ratio", share, nullptr);
-}
-
-// A client may have written another frame rate.
-void VirtualCamera::Device::read_period() {
-  const std::lock_guard lock(device_mutex_);
-  guint32 period_us = 0;
-  if (camera_ != nullptr &&
-      arv_fake_camera_read_register(arv_gv_fake_camera_get_fake_camera(camera_),
-                                    ARV_FAKE_CAMERA_REGISTER_ACQUISITION_FRAME_PERIOD_US,
-                                    &period_us) != FALSE &&
-      period_us > 0) {
-    period_ = std::chrono::microseconds(period_us);
-    waker_->set_period(std::chrono::microseconds(period_us));
-  }
+// What a client may have written since the last frame.
+void VirtualCamera::Device::read_registers() {
+  with_device([this](GigeDevice& device) {
+    const TriggerState before = std::exchange(trigger_, device.trigger());
+    if (const auto period = device.period()) period_ = *period;
+    has_software_trigger_ = device.take_software_trigger();
+    const bool is_armed_now = trigger_ == TriggerState::line1 && before != trigger_;
+    if (is_armed_now && parameters.line1 != nullptr)
+      last_pulse_ = parameters.line1->number_at(now_on(CLOCK_MONOTONIC));
+  });
 }
 
 nanoseconds VirtualCamera::Device::camera_clock(nanoseconds t) const {
@@ -298,62 +196,94 @@ nanoseconds VirtualCamera::Device::camera_clock(nanoseconds t) const {
 
 // The device's thread is woken when CLOCK_REALTIME passes a multiple of the period: that instant,
 // not the waking, is the end of exposure.
-nanoseconds VirtualCamera::Device::exposure_end() const {
+nanoseconds VirtualCamera::Device::grid_instant() const {
   const nanoseconds now = now_on(CLOCK_MONOTONIC);
   const nanoseconds late =
       now_on(CLOCK_REALTIME) % std::chrono::duration_cast<std::chrono::microseconds>(period_);
   return late < kGridSlack ? now - late : now;
 }
 
+std::optional<nanoseconds> VirtualCamera::Device::exposure_end(nanoseconds exposure) {
+  if (trigger_ == TriggerState::free_running) return grid_instant();
+  if (trigger_ == TriggerState::software) {
+    if (has_software_trigger_) return now_on(CLOCK_MONOTONIC) + exposure;
+    wait_until(now_on(CLOCK_MONOTONIC) + kTriggerWait);
+    return std::nullopt;
+  }
+  if (parameters.line1 == nullptr) {  // nothing is wired to it
+    wait_until(now_on(CLOCK_MONOTONIC) + kTriggerWait);
+    return std::nullopt;
+  }
+  const auto pulse = parameters.line1->wait_after(last_pulse_, kTriggerWait);
+  if (!pulse) return std::nullopt;
+  last_pulse_ = pulse->number;
+  if (now_on(CLOCK_MONOTONIC) - pulse->t > kTriggerLatched) return std::nullopt;
+  return pulse->t + exposure;
+}
+
+// Frames that a shorter delay discards keep their ids.
+void VirtualCamera::Device::count_discarded(nanoseconds t_mid) {
+  const double periods =
+      static_cast<double>((t_mid - t_last_mid_).count()) / static_cast<double>(period_.count());
+  frame_id_ += static_cast<std::uint64_t>(std::max<std::int64_t>(0, std::lround(periods) - 1));
+}
+
 void VirtualCamera::Device::expose(ArvBuffer* buffer, nanoseconds exposure, guint32 pixel_format) {
+  read_registers();
+  const auto lose = [this](double share) {
+    with_device([share](GigeDevice& device) { device.set_lost_share(share); });
+  };
+  const auto t_end = exposure_end(exposure);
+  if (!t_end) {
+    lose(1);
+    return;
+  }
   const Faults faults = faults_of_this_exposure();
-  read_period();
-  const auto format = format_of(pixel_format);
+  const bool is_free_running = trigger_ == TriggerState::free_running;
+  const auto format = pixel_format_of(pixel_format);
+  Shot shot;
   gint x = 0, y = 0, width = 0, height = 0;
   arv_buffer_get_image_region(buffer, &x, &y, &width, &height);
-  const cv::Rect region(x, y, width, height);
-  std::size_t unused = 0;
-  auto* pixels = static_cast<std::uint8_t*>(
-      const_cast<void*>(arv_buffer_get_data(buffer, &unused)));  // NOLINT: ours to fill
-  Shot shot;
-  shot.t_mid_exposure = exposure_end() - faults.delay - exposure / 2;
+  shot.region = {x, y, width, height};
+  shot.t_mid_exposure = *t_end - (is_free_running ? faults.delay : nanoseconds(0)) - exposure / 2;
   shot.view = {faults.occlude, faults.black, true};
-  shot.region = region;
   shot.source_version = faults.source_version;
   const bool is_possible =
-      format && (region & cv::Rect({0, 0}, sensor_)) == region && !region.empty();
-  const bool is_due = shot.t_mid_exposure > t_last_mid_ + period_ / 2;
+      format && (shot.region & cv::Rect({0, 0}, sensor_)) == shot.region && !shot.region.empty();
+  const bool is_due = !is_free_running || shot.t_mid_exposure > t_last_mid_ + period_ / 2;
   if (!is_possible || !is_due) {  // a region off the sensor, or the first of a longer delay
-    set_lost_share(1);
+    lose(1);
     return;
   }
   shot.format = *format;
-  if (faults.is_queue_discarded)
-    frame_id_ += static_cast<std::uint64_t>(std::max<std::int64_t>(
-        0, std::lround(static_cast<double>((shot.t_mid_exposure - t_last_mid_).count()) /
-                       static_cast<double>(period_.count())) -
-               1));
+  if (faults.is_queue_discarded && is_free_running) count_discarded(shot.t_mid_exposure);
   frame_id_ = frame_id_ % kFrameIds + 1;
 
   SentFrame sent;
-  sent.is_frozen = faults.freeze && last_image_.size() == shot.bytes();
-  if (!sent.is_frozen) last_image_ = ahead_.take(shot);
-  std::memcpy(pixels, last_image_.data(), last_image_.size());
+  sent.is_frozen = faults.freeze && last_image_ != nullptr && last_image_->size() == shot.bytes();
+  if (!sent.is_frozen) last_image_ = &ahead_.take(shot);
+  std::size_t unused = 0;
+  void* pixels = const_cast<void*>(arv_buffer_get_data(buffer, &unused));  // NOLINT: ours to fill
+  std::memcpy(pixels, last_image_->data(), last_image_->size());
   t_last_mid_ = shot.t_mid_exposure;
-  Shot next = shot;
-  next.t_mid_exposure += period_;
-  ahead_.prepare(next);
+  if (is_free_running) {
+    Shot next = shot;
+    next.t_mid_exposure += period_;
+    ahead_.prepare(next);
+  }
 
   sent.frame_id = frame_id_;
   sent.t_mid_exposure = shot.t_mid_exposure;
   sent.t_stamp = camera_clock(shot.t_mid_exposure - exposure / 2);
+  sent.trigger = trigger_ == TriggerState::line1 ? last_pulse_ : 0;
   sent.view = shot.view;
   sent.is_dropped = faults.drop || faults.drop_next > 0;
   sent.is_corrupt = !sent.is_dropped && faults.corrupt_next > 0;
   arv_buffer_set_frame_id(buffer, sent.frame_id);
   arv_buffer_set_timestamp(buffer, static_cast<guint64>(sent.t_stamp.count()));
-  set_lost_share(sent.is_dropped ? 1.0 : (sent.is_corrupt ? 0.5 : 0.0));
+  lose(sent.is_dropped ? 1.0 : (sent.is_corrupt ? 0.5 : 0.0));
   frames.fetch_add(1, std::memory_order_relaxed);
+  wait_until(*t_end + parameters.readout + (is_free_running ? nanoseconds(0) : faults.delay));
   sent.t_sent = now_on(CLOCK_MONOTONIC);
   if (on_frame_) on_frame_(sent);
 }

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 // A GigE Vision camera on the real network stack: Aravis' fake camera with our own GenICam
 // description, pixels and clock, and with faults that can be switched while it streams.
-// It exposes on a grid of its frame period, stamps the start of exposure on its own drifting clock,
-// and renders each frame, ahead of time, for the middle of the exposure that its stamp tells.
+// It exposes on a grid of its frame period or, with TriggerMode On, at each edge of the line that
+// is wired to Line1 (or at TriggerSoftware), stamps the start of exposure on its own drifting
+// clock, and renders each frame, ahead of time, for the middle of the exposure that its stamp
+// tells.
 #pragma once
 
 #include <chrono>
@@ -12,6 +14,7 @@
 #include <string>
 
 #include "tests/sim/frame_source.hpp"
+#include "tests/sim/trigger_line.hpp"
 
 namespace holdfast::sim {
 
@@ -21,7 +24,11 @@ struct VirtualCameraParameters {
   bridge::PixelFormat format = bridge::PixelFormat::mono8;  ///< until a client sets another
   double frame_rate_hz = 30, exposure_us = 5000;            ///< likewise
   int packet_size_bytes = 8192;                             ///< likewise
-  double clock_drift_ppm = 20;  ///< how much faster than the host's the camera's clock runs
+  /// From the end of exposure to the first packet, as a data sheet would state it; longer only when
+  /// the machine is slower.
+  std::chrono::microseconds readout{2000};
+  TriggerLine* line1 = nullptr;  ///< wired to Line1; must outlive the camera
+  double clock_drift_ppm = 20;   ///< how much faster than the host's the camera's clock runs
   std::uint16_t first_frame_id = 65400;  ///< wraps soon, as Aravis' own fake camera does
 };
 
@@ -31,6 +38,7 @@ struct SentFrame {
   std::chrono::nanoseconds t_mid_exposure{};  ///< CLOCK_MONOTONIC, the truth
   std::chrono::nanoseconds t_stamp{};         ///< the camera's own clock, start of exposure
   std::chrono::nanoseconds t_sent{};          ///< CLOCK_MONOTONIC, before the first packet
+  std::uint64_t trigger = 0;                  ///< number of the pulse that began it; 0: none
   bool is_frozen = false, is_dropped = false, is_corrupt = false;
   View view;
 };
