@@ -99,9 +99,11 @@ class DescriptionFile {
   int descriptor_;
 };
 
-// Our own description, whose addresses these are.
-constexpr guint32 kTriggerModeRegister = 0x300, kTriggerSourceRegister = 0x304;
-constexpr guint32 kTriggerSoftwareRegister = 0x30c;
+// Of our own description, beside Aravis' trigger registers: with those it would not call fill at
+// all while Line1 is chosen.
+constexpr guint32 kTriggerModeRegister = 0x310, kTriggerSourceRegister = 0x314;
+constexpr guint32 kTriggerSoftwareRegister = 0x31c;
+constexpr guint32 kPeriodRegister = ARV_FAKE_CAMERA_REGISTER_ACQUISITION_FRAME_PERIOD_US;
 constexpr guint32 kSourceSoftware = 1, kSourceLine1 = 2;
 
 }  // namespace
@@ -120,12 +122,13 @@ GigeDevice::GigeDevice(const std::string& interface, const std::string& serial,
       arv_gv_fake_camera_new_full(interface.c_str(), serial.c_str(), description.path().c_str());
   if (arv_gv_fake_camera_is_running(camera_) == FALSE) {
     g_object_unref(camera_);
-    throw UnavailableError(fmt::format("virtual camera: no network interface {}", interface));
+    throw UnavailableError(
+        fmt::format("virtual camera: no network interface lists {0}; for a second camera on this "
+                    "machine: ip address add {0}/8 dev lo",
+                    interface));
   }
   registers_ = arv_gv_fake_camera_get_fake_camera(camera_);
   write_defaults(defaults);
-  const std::chrono::duration<double> grid = kTriggerGrid;
-  arv_fake_camera_set_trigger_frequency(registers_, 1 / grid.count());
 }
 
 void GigeDevice::set_fill(ArvFakeCameraFillPattern fill, void* self) noexcept {
@@ -168,14 +171,23 @@ void GigeDevice::set_lost_share(double share) noexcept {
 }
 
 std::optional<std::chrono::microseconds> GigeDevice::period() noexcept {
-  const guint32 period_us = read(ARV_FAKE_CAMERA_REGISTER_ACQUISITION_FRAME_PERIOD_US);
+  const guint32 period_us = read(kPeriodRegister);
   if (period_us == 0) return std::nullopt;
   return std::chrono::microseconds(period_us);
 }
 
 TriggerState GigeDevice::trigger() noexcept {
   const bool is_triggered = read(kTriggerModeRegister) != 0;
-  waker_.set_period(is_triggered ? kTriggerGrid : period().value_or(kTriggerGrid));
+  const auto grid_us = static_cast<guint32>(kTriggerGrid.count());
+  if (is_triggered && !free_period_us_) {
+    free_period_us_ = read(kPeriodRegister);
+    arv_fake_camera_write_register(registers_, kPeriodRegister, grid_us);
+  } else if (!is_triggered && free_period_us_) {
+    if (read(kPeriodRegister) == grid_us)  // else the client has set another already
+      arv_fake_camera_write_register(registers_, kPeriodRegister, *free_period_us_);
+    free_period_us_.reset();
+  }
+  waker_.set_period(period().value_or(kTriggerGrid));
   if (!is_triggered) return TriggerState::free_running;
   return read(kTriggerSourceRegister) == kSourceLine1 ? TriggerState::line1
                                                       : TriggerState::software;

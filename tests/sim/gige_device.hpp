@@ -56,7 +56,8 @@ class GigeDevice {
   [[nodiscard]] guint32 read(guint32 address) const noexcept;
 
   ArvGvFakeCamera* camera_ = nullptr;
-  ArvFakeCamera* registers_ = nullptr;  // camera_'s own
+  ArvFakeCamera* registers_ = nullptr;     // camera_'s own
+  std::optional<guint32> free_period_us_;  // set aside while triggered
   DeviceWaker waker_;
 };
 

@@ -8,6 +8,7 @@
 #include <fcntl.h>
 #include <fmt/core.h>
 #include <net/if.h>
+#include <netinet/in.h>
 #include <sched.h>
 #include <sys/file.h>
 #include <sys/ioctl.h>
@@ -31,6 +32,21 @@ bool is_loopback_raised() {
   return is_raised;
 }
 
+// 127.0.0.2 answers anyway, but Aravis serves only addresses that an interface lists.
+bool is_second_address_added() {
+  const int descriptor = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (descriptor < 0) return false;
+  ifreq request{};
+  std::strncpy(request.ifr_name, "lo:1", IFNAMSIZ - 1);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK + 1);
+  std::memcpy(&request.ifr_addr, &address, sizeof address);
+  const bool is_added = ioctl(descriptor, SIOCSIFADDR, &request) == 0;
+  close(descriptor);
+  return is_added;
+}
+
 // Held until the process ends.
 void take_turn_on_host_network() {
   const auto path = std::filesystem::temp_directory_path() / "holdfast-host-network.lock";
@@ -47,7 +63,7 @@ void enter_private_network() {
     take_turn_on_host_network();
     return;
   }
-  if (!is_loopback_raised())
+  if (!is_loopback_raised() || !is_second_address_added())
     throw UnavailableError(fmt::format("private network: lo: {}", std::strerror(errno)));
 }
 
