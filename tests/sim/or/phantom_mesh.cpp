@@ -46,7 +46,8 @@ class SurfaceNet {
     Layer layer;
     for (int k = 0; k < kLayer; ++k)
       for (int j = 0; j < cells_.y(); ++j)
-        for (int i = 0; i < cells_.x(); ++i) add_cell(layer, values, {i, j, k}, index * kLayer);
+        for (int i = 0; i < cells_.x(); ++i)
+          if (is_crossed(values, {i, j, k})) add_cell(layer, values, {i, j, k}, index * kLayer);
     return layer;
   }
 
@@ -82,6 +83,17 @@ class SurfaceNet {
     return values;
   }
 
+  // True if the cell's corners are not all on one side.
+  [[nodiscard]] bool is_crossed(const std::vector<float>& values, const Vector3i& c) const {
+    const float* corner = &values[at(c)];
+    const std::size_t row = static_cast<std::size_t>(cells_.x()) + 1;
+    const std::size_t plane = row * (static_cast<std::size_t>(cells_.y()) + 1);
+    int inside = 0;
+    for (const std::size_t first : {std::size_t{0}, row, plane, plane + row})
+      inside += (corner[first] < 0.F ? 1 : 0) + (corner[first + 1] < 0.F ? 1 : 0);
+    return inside != 0 && inside != 8;
+  }
+
   void add_cell(Layer& layer, const std::vector<float>& values, const Vector3i& c, int k0) const {
     Vector3f sum = Vector3f::Zero();
     int crossings = 0;
@@ -100,7 +112,6 @@ class SurfaceNet {
         ++crossings;
         if (corner == 0) add_quad(layer, c, k0, axis, va < 0.F);
       }
-    if (crossings == 0) return;
     Vector3f corner = sum / static_cast<float>(crossings);
     corner.z() += static_cast<float>(k0);
     add_vertex(layer, number(c.x(), c.y(), k0 + c.z()), position(corner));

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast-sim ct`.
+#include <cstdio>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <fmt/core.h>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/command_line.hpp"
+#include "rt/core/error.hpp"
+#include "tests/sim/commands.hpp"
+#include "tests/sim/or/ct_scanner.hpp"
+#include "tests/sim/or/dicom_series.hpp"
+#include "tests/sim/or/phantom.hpp"
+
+namespace holdfast::sim {
+namespace {
+
+constexpr double kTiltDeg = 12;
+constexpr double kFillingBelowFocusMm = 16;
+
+const std::map<std::string, DicomFault> file_faults{
+    {"gap", DicomFault::gap},
+    {"duplicate", DicomFault::duplicate},
+    {"conflicting-duplicate", DicomFault::conflicting_duplicate},
+    {"mixed", DicomFault::mixed},
+    {"second-patient", DicomFault::second_patient},
+    {"truncated", DicomFault::truncated},
+    {"mirrored", DicomFault::mirrored}};
+
+const std::map<std::string, DicomTransfer> transfers{
+    {"explicit", DicomTransfer::explicit_little}, {"implicit", DicomTransfer::implicit_little},
+    {"big-endian", DicomTransfer::explicit_big},  {"jpeg", DicomTransfer::jpeg_lossless},
+    {"jpeg-ls", DicomTransfer::jpeg_ls},          {"rle", DicomTransfer::rle}};
+
+struct Options {
+  std::string phantom = "ear", out, truth, transfer = "explicit";
+  std::vector<std::string> faults;
+  std::uint32_t seed = 1;
+  CtScannerParameters scanner;
+  bool json = false;
+};
+
+Phantom make_phantom(const Options& options) {
+  return options.phantom == "ear"       ? make_ear_phantom(options.seed)
+         : options.phantom == "cavity"  ? make_cavity_phantom(options.seed, CavityRealism::bone)
+         : options.phantom == "covered" ? make_cavity_phantom(options.seed, CavityRealism::covered)
+                                        : make_cavity_phantom(options.seed, CavityRealism::bloody);
+}
+
+nlohmann::json array(const Eigen::Vector3d& v) {
+  return {v.x(), v.y(), v.z()};
+}
+
+nlohmann::json truth_of(const Phantom& phantom, const DicomSeries& series) {
+  nlohmann::json markers = nlohmann::json::array();
+  for (const TrueMarker& marker : phantom.markers) {
+    nlohmann::json rows = nlohmann::json::array();
+    for (int row = 0; row < 4; ++row)
+      for (int column = 0; column < 4; ++column)
+        rows.push_back(marker.T_ct_marker.matrix()(row, column));
+    markers.push_back({{"id", marker.aruco_id},
+                       {"side_mm", marker.side_mm},
+                       {"T_ct_marker", rows},
+                       {"bead_ct_mm", array(marker.p_bead_ct_mm)}});
+  }
+  return {{"phantom", phantom.name},
+          {"series_uid", series.series_uid},
+          {"study_uid", series.study_uid},
+          {"frame_of_reference_uid", series.frame_of_reference_uid},
+          {"markers", markers},
+          {"roi_min_mm", array(phantom.region_of_interest_mm.min())},
+          {"roi_max_mm", array(phantom.region_of_interest_mm.max())}};
+}
+
+void show_progress(double fraction) {
+  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+  if (isatty(STDERR_FILENO) != 0)
+    std::fprintf(stderr, "\rscanning: %3.0f %%%s", 100 * fraction, fraction < 1 ? "" : "\n");
+}
+
+void run(Options options) {
+  bridge::catch_interrupts();
+  DicomSeriesParameters files;
+  files.seed = options.seed;
+  files.transfer = transfers.at(options.transfer);
+  options.scanner.seed = options.seed;
+  options.scanner.progress = show_progress;
+  std::fprintf(stderr, "making the %s phantom\n", options.phantom.c_str());
+  Phantom phantom = make_phantom(options);
+  for (const std::string& fault : options.faults) {
+    if (fault == "tilt")
+      options.scanner.gantry_tilt_deg = kTiltDeg;
+    else if (fault == "filling")
+      phantom = with_filling(std::move(phantom),
+                             phantom.p_focus_ct_mm - kFillingBelowFocusMm * phantom.n_view_ct);
+    else
+      files.faults.insert(file_faults.at(fault));
+  }
+  const CtVolume volume = scan(phantom, options.scanner);
+  const DicomSeries series = write_dicom_series(volume, files, options.out);
+  if (!options.truth.empty())
+    bridge::write_file_atomically(options.truth, truth_of(phantom, series).dump(2) + "\n");
+  const nlohmann::json result{{"folder", options.out},
+                              {"series_uid", series.series_uid},
+                              {"files", series.files.size()},
+                              {"columns", volume.slices.front().cols},
+                              {"rows", volume.slices.front().rows},
+                              {"slices", volume.slices.size()}};
+  const std::string text =
+      fmt::format("{}: {} files, series {}", options.out, series.files.size(), series.series_uid);
+  std::puts((options.json ? result.dump() : text).c_str());
+}
+
+}  // namespace
+
+void add_ct_command(CLI::App& program) {
+  const auto options = std::make_shared<Options>();
+  CLI::App& command = *program.add_subcommand(
+      "ct",
+      "A CT scan of a phantom as a folder of DICOM files.\n"
+      "Example: holdfast-sim ct --phantom ear --seed 3 --out ct --truth truth.json");
+  command.add_option("--phantom", options->phantom, "ear, or the cavity at a level of realism")
+      ->check(CLI::IsMember({"ear", "cavity", "covered", "bloody"}))
+      ->capture_default_str();
+  command.add_option("--seed", options->seed, "of phantom, scan and files; from 1000: evaluation")
+      ->capture_default_str();
+  command.add_option("--out", options->out, "folder to be made; must be empty or absent")
+      ->required();
+  std::vector<std::string> faults{"tilt", "filling"};
+  for (const auto& [name, fault] : file_faults) faults.push_back(name);
+  command.add_option("--fault", options->faults, "what is wrong with it; repeatable")
+      ->check(CLI::IsMember(faults));
+  command.add_option("--transfer", options->transfer, "transfer syntax")
+      ->check(CLI::IsMember(transfers))
+      ->capture_default_str();
+  command.add_option("--pixel-mm", options->scanner.pixel_mm)->capture_default_str();
+  command.add_option("--slice-mm", options->scanner.slice_mm, "thickness and distance")
+      ->capture_default_str();
+  command.add_option("--noise-hu", options->scanner.noise_hu)->capture_default_str();
+  command.add_option("--oblique-deg", options->scanner.oblique_deg, "turn of the grid")
+      ->capture_default_str();
+  command.add_option("--truth", options->truth, "JSON of the true markers and beads, frame ct");
+  command.add_flag("--json", options->json, "one JSON object on stdout");
+  command.callback([options] { run(*options); });
+}
+
+}  // namespace holdfast::sim
