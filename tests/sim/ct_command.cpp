@@ -33,10 +33,11 @@ const std::map<std::string, DicomFault> file_faults{
     {"truncated", DicomFault::truncated},
     {"mirrored", DicomFault::mirrored}};
 
-const std::map<std::string, DicomTransfer> transfers{
-    {"explicit", DicomTransfer::explicit_little}, {"implicit", DicomTransfer::implicit_little},
-    {"big-endian", DicomTransfer::explicit_big},  {"jpeg", DicomTransfer::jpeg_lossless},
-    {"jpeg-ls", DicomTransfer::jpeg_ls},          {"rle", DicomTransfer::rle}};
+const std::map<std::string, DicomTransfer> transfers{{"explicit", DicomTransfer::explicit_little},
+                                                     {"implicit", DicomTransfer::implicit_little},
+                                                     {"big-endian", DicomTransfer::explicit_big},
+                                                     {"jpeg", DicomTransfer::jpeg_lossless},
+                                                     {"rle", DicomTransfer::rle}};
 
 struct Options {
   std::string phantom = "ear", out, truth, transfer = "explicit";

@@ -13,8 +13,6 @@
 #include <dcmtk/dcmdata/dctk.h>
 #include <dcmtk/dcmjpeg/djencode.h>
 #include <dcmtk/dcmjpeg/djrplol.h>
-#include <dcmtk/dcmjpls/djencode.h>
-#include <dcmtk/dcmjpls/djrparam.h>
 #include <fmt/core.h>
 #include <opencv2/imgproc.hpp>
 
@@ -212,7 +210,6 @@ class Writer {
   void save(DcmFileFormat& file, const fs::path& path) const {
     E_TransferSyntax syntax = EXS_LittleEndianExplicit;
     const DJ_RPLossless jpeg;
-    const DJLSRepresentationParameter jpeg_ls;
     const DcmRLERepresentationParameter rle;
     const DcmRepresentationParameter* compression = nullptr;
     switch (parameters_.transfer) {
@@ -227,10 +224,6 @@ class Writer {
       case DicomTransfer::jpeg_lossless:
         syntax = EXS_JPEGProcess14SV1;
         compression = &jpeg;
-        break;
-      case DicomTransfer::jpeg_ls:
-        syntax = EXS_JPEGLSLossless;
-        compression = &jpeg_ls;
         break;
       case DicomTransfer::rle:
         syntax = EXS_RLELossless;
@@ -253,7 +246,7 @@ void register_encoders() {
   static std::once_flag once;
   std::call_once(once, [] {
     DJEncoderRegistration::registerCodecs();
-    DJLSEncoderRegistration::registerCodecs();
+    OFLog::configure(OFLogger::ERROR_LOG_LEVEL);
     DcmRLEEncoderRegistration::registerCodecs();
   });
 }

@@ -13,12 +13,14 @@
 
 namespace holdfast::sim {
 
+/// No JPEG-LS: DCMTK's encoder and the decoder that OpenCV and GDCM bring define the same C
+/// symbols, so one crashes the other in a process that holds both. The tool dcmcjpls converts
+/// files.
 enum class DicomTransfer {
   explicit_little,  ///< Explicit VR Little Endian
   implicit_little,
   explicit_big,
   jpeg_lossless,  ///< process 14, first-order prediction
-  jpeg_ls,        ///< lossless
   rle
 };
 
