@@ -185,8 +185,7 @@ void run(const Options& options) {
     results.push_back(result);
   }
   if (options.json.empty()) return;
-  bridge::write_file_atomically(options.json, results.dump(2) + "
-");
+  bridge::write_file_atomically(options.json, results.dump(2) + "\n");
 }
 
 }  // namespace

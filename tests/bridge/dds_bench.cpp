@@ -189,8 +189,7 @@ void run(const Options& options) {
                 r["p99"].get<double>(), r["unit"].get<std::string>().c_str(),
                 r["baseline_is"].get<std::string>().c_str(), r["baseline"].get<double>());
   if (options.json.empty()) return;
-  bridge::write_file_atomically(options.json, results.dump(2) + "
-");
+  bridge::write_file_atomically(options.json, results.dump(2) + "\n");
 }
 
 }  // namespace

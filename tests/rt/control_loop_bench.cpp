@@ -240,8 +240,7 @@ void bench(const Options& options) {
   const nlohmann::json results = report(options, *run, cyclictest);
   std::puts(results.dump(2).c_str());
   if (options.json.empty()) return;
-  bridge::write_file_atomically(options.json, results.dump(2) + "
-");
+  bridge::write_file_atomically(options.json, results.dump(2) + "\n");
 }
 
 }  // namespace
