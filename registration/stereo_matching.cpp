@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "registration/stereo_matching.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+#include <vector>
+
+#include <fmt/format.h>
+#include <opencv2/calib3d.hpp>
+
+#include "registration/census.hpp"
+#include "rt/core/error.hpp"
+
+namespace holdfast::registration {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using Images = std::vector<cv::Mat1b>;
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+constexpr int kRowsPerTask = 32;
+constexpr int kAmbiguousMargin = 6;      // of 255: a rival as good as the winner
+constexpr float kClearMargin = 64;       // of 255: confidence 1
+constexpr int kSpeckleStep_16ths = 16;   // neighbours of one piece differ by at most a candidate
+
+/// Both views of all shots on one level of the pyramid.
+struct Level {
+  Images left, right;
+};
+
+std::vector<Level> pyramid(std::span<const RectifiedPair> pairs, int coarsest, WorkerPool& pool,
+                           Simd simd) {
+  std::vector<Level> levels(static_cast<std::size_t>(coarsest) + 1);
+  for (const RectifiedPair& pair : pairs) {
+    levels[0].left.push_back(pair.left.pixels);
+    levels[0].right.push_back(pair.right.pixels);
+  }
+  for (std::size_t k = 1; k < levels.size(); ++k)
+    for (std::size_t i = 0; i < pairs.size(); ++i) {
+      halve(levels[k - 1].left[i], pool, levels[k].left.emplace_back(), simd);
+      halve(levels[k - 1].right[i], pool, levels[k].right.emplace_back(), simd);
+    }
+  return levels;
+}
+
+/// Candidates at either end of what was searched are no minima.
+void drop_ends(const cv::Mat1s& base, int candidates, sgm::LevelResult& result) {
+  for (int y = 0; y < result.cost.rows; ++y) {
+    std::int16_t* const row = result.candidate_16ths[y];
+    for (int x = 0; x < result.cost.cols; ++x) {
+      const int j = (row[x] + 8) / 16 - (base.empty() ? 0 : base(y, x));
+      const int last = base.empty() ? candidates - 1 : sgm::kBlock - 1;
+      if (row[x] != sgm::kNone && (j <= 0 || j >= last)) row[x] = sgm::kNone;
+    }
+  }
+}
+
+/// Share of the matched pixels whose best rival, anywhere in the range, is as good.
+double ambiguous_share(const sgm::LevelResult& result) {
+  int matched = 0, ambiguous = 0;
+  for (int y = 0; y < result.cost.rows; ++y)
+    for (int x = 0; x < result.cost.cols; ++x) {
+      if (result.candidate_16ths(y, x) == sgm::kNone) continue;
+      ++matched;
+      if (result.margin(y, x) < kAmbiguousMargin) ++ambiguous;
+    }
+  return matched > 0 ? static_cast<double>(ambiguous) / matched : 1;
+}
+
+/// Candidates of the finest matched level; the ambiguity is that of the coarsest.
+sgm::LevelResult match_pyramid(std::span<const Level> levels, DisparityRange range,
+                               const MatchParameters& parameters, WorkerPool& pool, Simd simd,
+                               double& ambiguous) {
+  const double noise = noise_of(levels[0].left[0]);
+  sgm::LevelResult result;
+  for (int k = parameters.coarsest_level; k >= parameters.finest_level; --k) {
+    const Level& level = levels[static_cast<std::size_t>(k)];
+    const double limit = parameters.census_threshold_sigma * noise / (1 << k);
+    const auto threshold = static_cast<std::uint8_t>(std::clamp(std::lround(limit), 0L, 32L));
+    cv::Mat1i left, right;
+    census(level.left, threshold, pool, left, simd);
+    census(level.right, threshold, pool, right, simd);
+    const int candidates = range.count >> k;
+    cv::Mat1s base;
+    if (k < parameters.coarsest_level)
+      sgm::search_windows(result.candidate_16ths, left.size(), candidates, pool, base);
+    sgm::match_level(left, right, candidates / sgm::kBlock, base, parameters.penalties, pool,
+                     result, simd);
+    if (k == parameters.coarsest_level) ambiguous = ambiguous_share(result);
+    drop_ends(base, candidates, result);
+  }
+  return result;
+}
+
+void drop_uncertain(const MatchParameters& parameters, sgm::LevelResult& result) {
+  for (int y = 0; y < result.cost.rows; ++y)
+    for (int x = 0; x < result.cost.cols; ++x)
+      if (result.margin(y, x) < parameters.margin_min) result.candidate_16ths(y, x) = sgm::kNone;
+  const int smallest = parameters.speckle_min_px >> (2 * parameters.finest_level);
+  cv::filterSpeckles(result.candidate_16ths, sgm::kNone, smallest, kSpeckleStep_16ths);
+}
+
+/// Offsets on the full grid, where both raw images have pixels.
+cv::Mat1i full_offsets(const sgm::LevelResult& result, int level, const RectifiedPair& pair,
+                       WorkerPool& pool) {
+  const cv::Size size = pair.left.pixels.size();
+  cv::Mat1i offsets(size);
+  pool.run((size.height + kRowsPerTask - 1) / kRowsPerTask, [&](int task) {
+    const int end = std::min((task + 1) * kRowsPerTask, size.height);
+    for (int y = task * kRowsPerTask; y < end; ++y) {
+      const std::int16_t* const from = result.candidate_16ths[y >> level];
+      const cv::Range in_left = pair.left.covered[static_cast<std::size_t>(y)];
+      const cv::Range in_right = pair.right.covered[static_cast<std::size_t>(y)];
+      std::int32_t* const to = offsets[y];
+      std::fill_n(to, size.width, kNoOffset);
+      for (int x = in_left.start; x < in_left.end; ++x) {
+        const int candidate_16ths = from[x >> level];
+        const int column = x + ((candidate_16ths << level) >> 4);
+        const bool is_seen = candidate_16ths != sgm::kNone && column >= in_right.start + 1 &&
+                             column < in_right.end - 2;
+        if (is_seen) to[x] = candidate_16ths << (level + 4);
+      }
+    }
+  });
+  return offsets;
+}
+
+void finish_rows(const sgm::LevelResult& result, const RefinedOffsets& refined, int largest_px,
+                 const MatchParameters& parameters, int start, int end, DisparityMap& map) {
+  const auto variance_max =
+      static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px);
+  const auto largest = static_cast<float>(largest_px);
+  for (int y = start; y < end; ++y) {
+    const uchar* const margin = result.margin[y >> parameters.finest_level];
+    for (int x = 0; x < map.disparity_px.cols; ++x) {
+      const float variance = refined.variance_px2(y, x);
+      const bool is_known = variance <= variance_max;
+      map.disparity_px(y, x) = is_known ? largest - refined.offset_px(y, x) : kNan;
+      map.variance_px2(y, x) = is_known ? variance : kNan;
+      map.confidence(y, x) =
+          is_known ? std::min(static_cast<float>(margin[x >> parameters.finest_level]) /
+                                  kClearMargin, 1.F)
+                   : 0.F;
+    }
+  }
+}
+
+DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange range,
+                       const MatchParameters& parameters, WorkerPool& pool, Simd simd) {
+  const auto start = Clock::now();
+  DisparityMap map;
+  const auto levels = pyramid(pairs, parameters.coarsest_level, pool, simd);
+  sgm::LevelResult result =
+      match_pyramid(levels, range, parameters, pool, simd, map.ambiguous_share);
+  drop_uncertain(parameters, result);
+  const auto matched = Clock::now();
+  std::vector<ShotPair> shots;
+  for (const RectifiedPair& pair : pairs) shots.push_back({pair.left.pixels, pair.right.pixels});
+  const cv::Mat1i offsets = full_offsets(result, parameters.finest_level, pairs[0], pool);
+  RefinedOffsets refined;
+  refine_offsets(shots, offsets, parameters.refinement, pool, refined, simd);
+  const cv::Size size = pairs[0].left.pixels.size();
+  map.disparity_px.create(size);
+  map.variance_px2.create(size);
+  map.confidence.create(size);
+  pool.run((size.height + kRowsPerTask - 1) / kRowsPerTask, [&](int task) {
+    finish_rows(result, refined, range.minimum_px + range.count - 1, parameters,
+                task * kRowsPerTask, std::min((task + 1) * kRowsPerTask, size.height), map);
+  });
+  map.match_time = matched - start;
+  map.refine_time = Clock::now() - matched;
+  return map;
+}
+
+/// SGBM's own answer; the variance is that of its parabola as measured on Middlebury's motorcycle.
+DisparityMap match_opencv(const RectifiedPair& pair, DisparityRange range) {
+  constexpr int kBlockSize = 3;
+  constexpr float kVariance_px2 = 0.1F;
+  const auto start = Clock::now();
+  const auto matcher = cv::StereoSGBM::create(0, range.count, kBlockSize,
+                                              8 * kBlockSize * kBlockSize,
+                                              32 * kBlockSize * kBlockSize, 1, 0, 10, 100, 2);
+  // Its disparities count from the right view's first column: 0 <= d < count.
+  cv::Mat1b left(pair.right.pixels.size(), uchar{0});
+  pair.left.pixels.copyTo(left.colRange(range.count, left.cols));
+  cv::Mat1s found;
+  matcher->compute(left, pair.right.pixels, found);
+  DisparityMap map;
+  const cv::Size size = pair.left.pixels.size();
+  map.disparity_px = cv::Mat1f(size, kNan);
+  map.variance_px2 = cv::Mat1f(size, kNan);
+  map.confidence = cv::Mat1f(size, 0.F);
+  for (int y = 0; y < size.height; ++y) {
+    const cv::Range covered = pair.left.covered[static_cast<std::size_t>(y)];
+    const cv::Range in_right = pair.right.covered[static_cast<std::size_t>(y)];
+    for (int x = covered.start; x < covered.end; ++x) {
+      const int d_16ths = found(y, x + range.count);
+      const int column = x + range.count - (d_16ths >> 4);
+      if (d_16ths < 0 || column < in_right.start || column >= in_right.end) continue;
+      map.disparity_px(y, x) =
+          static_cast<float>(d_16ths) / 16 + static_cast<float>(range.minimum_px - 1);
+      map.variance_px2(y, x) = kVariance_px2;
+      map.confidence(y, x) = 1;
+    }
+  }
+  map.match_time = Clock::now() - start;
+  return map;
+}
+
+}  // namespace
+
+MatchParameters match_parameters_for(cv::Size image_px) {
+  constexpr int kSmall_px = 600'000, kLarge_px = 2'000'000;
+  MatchParameters parameters;
+  const int pixels = image_px.area();
+  parameters.coarsest_level = pixels < kSmall_px ? 0 : pixels < kLarge_px ? 1 : 2;
+  parameters.finest_level = pixels < kLarge_px ? 0 : 1;
+  return parameters;
+}
+
+DisparityRange whole_range(const MatchParameters& parameters, DisparityRange range) {
+  const int unit = sgm::kBlock << parameters.coarsest_level;
+  const int limit = unit * sgm::kBlocksMax;
+  if (range.count < 1 || range.count > limit)
+    throw InputError(
+        fmt::format("disparity range of {} px, must be 1 … {} px", range.count, limit));
+  const int count = (range.count + unit - 1) / unit * unit;
+  return {range.minimum_px - (count - range.count) / 2, count};
+}
+
+cv::Size padded_size(const MatchParameters& parameters, cv::Size size) {
+  const int whole = 1 << parameters.coarsest_level, even = 2 * whole;
+  return {std::max((size.width + even - 1) / even * even, 16 * whole),
+          std::max((size.height + whole - 1) / whole * whole, 16 * whole)};
+}
+
+DisparityMap match_disparity(std::span<const RectifiedPair> pairs, DisparityRange range,
+                             const MatchParameters& parameters, WorkerPool& pool, Simd simd) {
+  if (parameters.method == MatchMethod::opencv) return match_opencv(pairs[0], range);
+  return match_sgm(pairs, range, parameters, pool, simd);
+}
+
+}  // namespace holdfast::registration
