@@ -17,9 +17,9 @@ struct Offset {
 
 /// One half of the window, the nearest pixels first: bursts use the first few only.
 constexpr std::array<Offset, kBits> kOffsets = {
-    {{1, 0},  {0, 1},  {1, 1},  {-1, 1}, {2, 0},  {0, 2},  {2, 1},  {-2, 1},
-     {1, 2},  {-1, 2}, {2, 2},  {-2, 2}, {3, 0},  {0, 3},  {3, 1},  {-3, 1},
-     {1, 3},  {-1, 3}, {3, 2},  {-3, 2}, {2, 3},  {-2, 3}, {4, 0},  {3, 3},
+    {{1, 0},  {0, 1},  {1, 1},  {-1, 1}, {2, 0},  {0, 2},  {2, 1}, {-2, 1},
+     {1, 2},  {-1, 2}, {2, 2},  {-2, 2}, {3, 0},  {0, 3},  {3, 1}, {-3, 1},
+     {1, 3},  {-1, 3}, {3, 2},  {-3, 2}, {2, 3},  {-2, 3}, {4, 0}, {3, 3},
      {-3, 3}, {4, 1},  {-4, 1}, {4, 2},  {-4, 2}, {4, 3},  {-4, 3}}};
 
 /// Where one bit of the word comes from.
@@ -53,8 +53,8 @@ HOLDFAST_INLINE void halve_row(const uchar* above, const uchar* below, int width
         (above[2 * x] + above[2 * x + 1] + below[2 * x] + below[2 * x + 1] + 2) >> 2);
 }
 
-void census_row_scalar(const Comparison* bits, int start, int end,
-                       std::uint8_t* const* planes, std::int32_t* out) {
+void census_row_scalar(const Comparison* bits, int start, int end, std::uint8_t* const* planes,
+                       std::int32_t* out) {
   census_row(bits, start, end, planes, out);
 }
 __attribute__((target("avx2"))) void census_row_avx2(const Comparison* bits, int start, int end,

@@ -16,7 +16,9 @@ using namespace refinement;
 
 constexpr int kBandRows = 96;
 
-int bands_of(int height) { return (height + kBandRows - 1) / kBandRows; }
+int bands_of(int height) {
+  return (height + kBandRows - 1) / kBandRows;
+}
 
 /// N arrays of one row.
 template <typename T, std::size_t N>

@@ -44,8 +44,9 @@ struct Finding {
 Finding judge_exposure(const cv::Mat1b& image, const char* which) {
   const Exposure exposure = exposure_of(image);
   if (exposure.bright_grey < kDarkestGrey)
-    return {Status::too_dark, fmt::format("99 % of the {} image is below {:.0f} of 255, must reach {:.0f}",
-                                          which, exposure.bright_grey + 1, kDarkestGrey)};
+    return {Status::too_dark,
+            fmt::format("99 % of the {} image is below {:.0f} of 255, must reach {:.0f}", which,
+                        exposure.bright_grey + 1, kDarkestGrey)};
   if (exposure.saturated_share > kSaturatedShareMax)
     return {Status::saturated,
             fmt::format("{:.0f} % of the {} image is saturated, limit {:.0f} %",
@@ -59,8 +60,7 @@ Finding judge_exposure(const cv::Mat1b& image, const char* which) {
 }
 
 DisparityRange range_around(const Rectification& geometry, double centre_mm, double reach_mm) {
-  const int least =
-      static_cast<int>(std::floor(geometry.disparity_px(centre_mm + reach_mm)));
+  const int least = static_cast<int>(std::floor(geometry.disparity_px(centre_mm + reach_mm)));
   const int most = static_cast<int>(std::ceil(geometry.disparity_px(centre_mm - reach_mm)));
   return {least, most - least + 1};
 }
@@ -113,22 +113,21 @@ struct Reconstructor::Impl {
     if (wanted.method == MatchMethod::opencv) match.method = MatchMethod::opencv;
     const double centre = wanted.depth_centre_mm > 0 ? wanted.depth_centre_mm : zoom.focus_mm;
     if (!(wanted.depth_reach_mm > 0) || !(centre - wanted.depth_reach_mm > 0))
-      throw InputError(fmt::format("working depth of {} mm +- {} mm must lie in front of the camera",
-                                   centre, wanted.depth_reach_mm));
+      throw InputError(
+          fmt::format("working depth of {} mm +- {} mm must lie in front of the camera", centre,
+                      wanted.depth_reach_mm));
     range = whole_range(match, range_around(geometry, centre, wanted.depth_reach_mm));
     const cv::Rect whole({}, size), roi = wanted.roi_px.value_or(whole);
     if (roi.width < 32 || roi.height < 32 || (roi & whole) != roi)
-      throw InputError(fmt::format("region {},{},{},{} must be at least 32x32 px and within {}x{} px",
-                                   roi.x, roi.y, roi.width, roi.height, size.width, size.height));
+      throw InputError(
+          fmt::format("region {},{},{},{} must be at least 32x32 px and within {}x{} px", roi.x,
+                      roi.y, roi.width, roi.height, size.width, size.height));
     region = wanted.is_rectified ? roi : rectified_region(zoom, geometry, roi);
-    if (region.empty())
-      throw InputError("the region is not in view of the rectified left camera");
+    if (region.empty()) throw InputError("the region is not in view of the rectified left camera");
     prepare();
   }
 
-  [[nodiscard]] cv::Rect padded() const {
-    return {region.tl(), padded_size(match, region.size())};
-  }
+  [[nodiscard]] cv::Rect padded() const { return {region.tl(), padded_size(match, region.size())}; }
   [[nodiscard]] int largest_px() const { return range.minimum_px + range.count - 1; }
   [[nodiscard]] cv::Rect padded_right() const {
     const cv::Rect area = padded();
@@ -172,11 +171,12 @@ Finding Reconstructor::Impl::judge_input(std::span<const StereoShot> shots) cons
   for (const StereoShot& shot : shots)
     for (const cv::Mat* image : {&shot.left, &shot.right})
       if (!has_format(*image, image_px))
-        return {Status::wrong_size,
-                fmt::format("an image is {}x{} px with {} channels of type {}, must be {}x{} px, grey "
-                            "or colour, 8 or 16 bits",
-                            image->cols, image->rows, image->channels(), image->depth(),
-                            image_px.width, image_px.height)};
+        return {
+            Status::wrong_size,
+            fmt::format("an image is {}x{} px with {} channels of type {}, must be {}x{} px, grey "
+                        "or colour, 8 or 16 bits",
+                        image->cols, image->rows, image->channels(), image->depth(), image_px.width,
+                        image_px.height)};
   return {};
 }
 
@@ -197,8 +197,7 @@ bool Reconstructor::Impl::is_swapped(std::span<const StereoShot> shots, double d
 Finding Reconstructor::Impl::judge_result(const DisparityMap& map,
                                           std::span<const StereoShot> shots,
                                           Reconstruction& result) {
-  const VerticalDisparity vertical =
-      vertical_disparity(pairs[0], map.disparity_px, largest_px());
+  const VerticalDisparity vertical = vertical_disparity(pairs[0], map.disparity_px, largest_px());
   result.vertical_disparity_px = vertical.rms_px;
   result.ambiguous_share = map.ambiguous_share;
   const bool is_sparse = !(result.density >= options.density_min);
@@ -206,18 +205,21 @@ Finding Reconstructor::Impl::judge_result(const DisparityMap& map,
   if ((is_sparse || is_off_rows) && !options.is_rectified && is_swapped(shots, result.density))
     return {Status::views_swapped, "the views fit only when exchanged"};
   if (is_off_rows)
-    return {Status::wrong_optics,
-            fmt::format("matched points lie {:.2f} px off their rows, limit {:.2f} px: another zoom "
-                        "or another rig's calibration?",
-                        vertical.rms_px, options.vertical_limit_px)};
+    return {
+        Status::wrong_optics,
+        fmt::format("matched points lie {:.2f} px off their rows, limit {:.2f} px: another zoom "
+                    "or another rig's calibration?",
+                    vertical.rms_px, options.vertical_limit_px)};
   if (map.ambiguous_share > options.ambiguous_share_max)
-    return {Status::period_slip,
-            fmt::format("{:.0f} % of the matches have a rival as good elsewhere on their row, limit "
-                        "{:.0f} %: the pattern repeats",
-                        100 * map.ambiguous_share, 100 * options.ambiguous_share_max)};
+    return {
+        Status::period_slip,
+        fmt::format("{:.0f} % of the matches have a rival as good elsewhere on their row, limit "
+                    "{:.0f} %: the pattern repeats",
+                    100 * map.ambiguous_share, 100 * options.ambiguous_share_max)};
   if (is_sparse)
-    return {Status::no_surface, fmt::format("{:.1f} % of the region could be matched, must be {:.0f} %",
-                                            100 * result.density, 100 * options.density_min)};
+    return {Status::no_surface,
+            fmt::format("{:.1f} % of the region could be matched, must be {:.0f} %",
+                        100 * result.density, 100 * options.density_min)};
   return {};
 }
 
@@ -226,8 +228,7 @@ void Reconstructor::Impl::reproject_row(const DisparityMap& map, int y,
   const auto fb = static_cast<float>(geometry.focal_px() * geometry.baseline_mm());
   const auto shift = static_cast<float>(geometry.P2(0, 2) - geometry.P1(0, 2));
   const auto per_fx = static_cast<float>(1 / geometry.P1(0, 0));
-  const auto ray_y =
-      static_cast<float>((region.y + y - geometry.P1(1, 2)) / geometry.P1(1, 1));
+  const auto ray_y = static_cast<float>((region.y + y - geometry.P1(1, 2)) / geometry.P1(1, 1));
   const auto x0 = static_cast<float>(region.x - geometry.P1(0, 2));
   const float *const disparity = map.disparity_px[y], *const variance = map.variance_px2[y];
   float *const depth = result.depth_mm[y], *const depth_variance = result.depth_variance_mm2[y];
@@ -271,7 +272,9 @@ Reconstructor::Reconstructor(const ZoomCalibration& zoom, cv::Size image_px,
     : impl_(std::make_unique<Impl>(zoom, image_px, options)) {}
 Reconstructor::~Reconstructor() = default;
 
-const Rectification& Reconstructor::rectification() const { return impl_->geometry; }
+const Rectification& Reconstructor::rectification() const {
+  return impl_->geometry;
+}
 
 Reconstruction Reconstructor::reconstruct(std::span<const StereoShot> shots) {
   Reconstruction result;
@@ -288,8 +291,7 @@ Reconstruction Reconstructor::reconstruct(std::span<const StereoShot> shots) {
         conclude(judge_exposure(pair.right.pixels, "right")))
       return result;
   const auto rectified = Clock::now();
-  const DisparityMap map =
-      match_disparity(impl_->pairs, impl_->range, impl_->match, impl_->pool);
+  const DisparityMap map = match_disparity(impl_->pairs, impl_->range, impl_->match, impl_->pool);
   const auto matched = Clock::now();
   impl_->reproject(map, result);
   const bool is_refused = conclude(impl_->judge_result(map, shots, result));
@@ -318,8 +320,8 @@ TriangleMesh mesh_of(const Reconstruction& reconstruction, const Rectification& 
   const float edge = static_cast<float>(step) * kSteepest / static_cast<float>(geometry.focal_px());
   const auto add = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
     if (a == kNoVertex || b == kNoVertex || c == kNoVertex) return;
-    const auto [least, most] = std::minmax(
-        {mesh.vertices_mm[a].z(), mesh.vertices_mm[b].z(), mesh.vertices_mm[c].z()});
+    const auto [least, most] =
+        std::minmax({mesh.vertices_mm[a].z(), mesh.vertices_mm[b].z(), mesh.vertices_mm[c].z()});
     if (most - least <= edge * least) mesh.triangles.push_back({a, b, c});
   };
   for (int j = 0; j < rows; ++j, std::swap(above, now))

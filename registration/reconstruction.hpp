@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// A raw stereo pair (or a burst of them) to the metric surface under the microscope: paper A's MiRe.
-// Everything is in the rectified left frame (p = R1 · p_camera; x right, y down, z forward, mm).
-// Bad input is refused with a status and its evidence; what cannot be known is NaN.
+// A raw stereo pair (or a burst of them) to the metric surface under the microscope: paper A's
+// MiRe. Everything is in the rectified left frame (p = R1 · p_camera; x right, y down, z forward,
+// mm). Bad input is refused with a status and its evidence; what cannot be known is NaN.
 #pragma once
 
 #include <chrono>
@@ -63,8 +63,8 @@ struct Reconstruction {
   cv::Mat1f confidence;                                  ///< 0 … 1; 0 where unknown
   cv::Mat3f points_mm;                                   ///< rectified left; NaN where unknown
   std::size_t points = 0;
-  double density = 0;                  ///< share of the region that is known
-  double vertical_disparity_px = 0;    ///< rms over the image; what the calibration leaves
+  double density = 0;                ///< share of the region that is known
+  double vertical_disparity_px = 0;  ///< rms over the image; what the calibration leaves
   double ambiguous_share = 0;
   ReconstructionTimes times;
 };

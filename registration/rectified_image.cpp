@@ -59,18 +59,18 @@ __attribute__((target("avx2"))) void resample_avx2(const RawView& raw, const Row
     const __m256 dv = _mm256_set1_ps((path.v[cell + 1] - v0) * 0.125F);
     const __m256 u = _mm256_add_ps(_mm256_set1_ps(u0), _mm256_mul_ps(steps, du));
     const __m256 v = _mm256_add_ps(_mm256_set1_ps(v0), _mm256_mul_ps(steps, dv));
-    const __m256 is_in = _mm256_and_ps(
-        _mm256_and_ps(_mm256_cmp_ps(u, zero, _CMP_GE_OQ),
-                      _mm256_cmp_ps(u, _mm256_set1_ps(raw.u_end), _CMP_LT_OQ)),
-        _mm256_and_ps(_mm256_cmp_ps(v, zero, _CMP_GE_OQ),
-                      _mm256_cmp_ps(v, _mm256_set1_ps(raw.v_end), _CMP_LT_OQ)));
+    const __m256 is_in =
+        _mm256_and_ps(_mm256_and_ps(_mm256_cmp_ps(u, zero, _CMP_GE_OQ),
+                                    _mm256_cmp_ps(u, _mm256_set1_ps(raw.u_end), _CMP_LT_OQ)),
+                      _mm256_and_ps(_mm256_cmp_ps(v, zero, _CMP_GE_OQ),
+                                    _mm256_cmp_ps(v, _mm256_set1_ps(raw.v_end), _CMP_LT_OQ)));
     const __m256 iu = _mm256_floor_ps(u), iv = _mm256_floor_ps(v);
     const __m256 fu = _mm256_sub_ps(u, iu), fv = _mm256_sub_ps(v, iv);
     const __m256i inside = _mm256_castps_si256(is_in);
-    const __m256i at = _mm256_and_si256(
-        _mm256_add_epi32(_mm256_mullo_epi32(_mm256_cvtps_epi32(iv), stride),
-                         _mm256_cvtps_epi32(iu)),
-        inside);
+    const __m256i at =
+        _mm256_and_si256(_mm256_add_epi32(_mm256_mullo_epi32(_mm256_cvtps_epi32(iv), stride),
+                                          _mm256_cvtps_epi32(iu)),
+                         inside);
     // Four bytes from each position on, of which two are used.
     const __m256i top = _mm256_i32gather_epi32(base, at, 1);
     const __m256i bottom = _mm256_i32gather_epi32(base, _mm256_add_epi32(at, stride), 1);
@@ -80,15 +80,13 @@ __attribute__((target("avx2"))) void resample_avx2(const RawView& raw, const Row
     const __m256 d = _mm256_cvtepi32_ps(_mm256_and_si256(_mm256_srli_epi32(bottom, 8), low));
     const __m256 above = _mm256_add_ps(a, _mm256_mul_ps(_mm256_sub_ps(b, a), fu));
     const __m256 below = _mm256_add_ps(c, _mm256_mul_ps(_mm256_sub_ps(d, c), fu));
-    const __m256 value =
-        _mm256_add_ps(above, _mm256_mul_ps(_mm256_sub_ps(below, above), fv));
-    const __m256i grey = _mm256_and_si256(
-        _mm256_cvttps_epi32(_mm256_add_ps(value, _mm256_set1_ps(0.5F))), inside);
+    const __m256 value = _mm256_add_ps(above, _mm256_mul_ps(_mm256_sub_ps(below, above), fv));
+    const __m256i grey =
+        _mm256_and_si256(_mm256_cvttps_epi32(_mm256_add_ps(value, _mm256_set1_ps(0.5F))), inside);
     const __m256i words = _mm256_packs_epi32(grey, inside);  // grey, mask | grey, mask
     const __m256i bytes = _mm256_shuffle_epi8(
         words, _mm256_set1_epi64x(0x0e0c0a0806040200));  // the low byte of each word
-    const __m128i lower = _mm256_castsi256_si128(bytes),
-                  upper = _mm256_extracti128_si256(bytes, 1);
+    const __m128i lower = _mm256_castsi256_si128(bytes), upper = _mm256_extracti128_si256(bytes, 1);
     const __m128i both = _mm_unpacklo_epi32(lower, upper);  // 8 greys, then 8 masks
     _mm_storel_epi64(reinterpret_cast<__m128i*>(out + kStep * cell), both);
     _mm_storeh_pd(reinterpret_cast<double*>(is_covered + kStep * cell), _mm_castsi128_pd(both));
@@ -121,7 +119,8 @@ void Rectifier::apply(const cv::Mat1b& raw, WorkerPool& pool, RectifiedImage& ou
   const int cells = (region_.width + kStep - 1) / kStep, width = region_.width;
   out.pixels.create(region_.size());
   out.covered.resize(static_cast<std::size_t>(region_.height));
-  const RawView view{raw.data, static_cast<int>(raw.step), static_cast<float>(raw_size_px_.width - 3),
+  const RawView view{raw.data, static_cast<int>(raw.step),
+                     static_cast<float>(raw_size_px_.width - 3),
                      static_cast<float>(raw_size_px_.height - 1)};
   const auto rows = [&](int task) {
     std::vector<float> u(static_cast<std::size_t>(cells) + 1), v(u.size());

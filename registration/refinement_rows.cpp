@@ -7,8 +7,8 @@
 
 #include <immintrin.h>
 
-// Plain loops that the compiler turns into vectors, once for each instruction set. Neither has fused
-// multiply-add, so that both give the same bits.
+// Plain loops that the compiler turns into vectors, once for each instruction set. Neither has
+// fused multiply-add, so that both give the same bits.
 #define HOLDFAST_INLINE inline __attribute__((always_inline))
 #define HOLDFAST_AVX2 __attribute__((target("avx2")))
 
@@ -31,8 +31,8 @@ Cubic cubic(float a, float b, float c, float d, float t) {
 void residual_pixel(const Images& images, int x, float offset_px, const Residuals& out) {
   out.residual[x] = out.gradient[x] = out.is_used[x] = 0;
   const float at = static_cast<float>(x) + offset_px;
-  const bool is_inside = at >= 1 && at < static_cast<float>(images.right_width - 3) && x > 0 &&
-                         x < images.width - 1;
+  const bool is_inside =
+      at >= 1 && at < static_cast<float>(images.right_width - 3) && x > 0 && x < images.width - 1;
   if (!is_inside) return;
   const float column = std::floor(at);
   const std::uint8_t* const p = images.right + static_cast<int>(column) - 1;
@@ -63,52 +63,52 @@ HOLDFAST_AVX2 HOLDFAST_INLINE void store_words(__m256i words, std::int16_t* out)
       _mm_packs_epi32(_mm256_castsi256_si128(words), _mm256_extracti128_si256(words, 1)));
 }
 
-HOLDFAST_AVX2 HOLDFAST_INLINE __m256 constant(float v) { return _mm256_set1_ps(v); }
+HOLDFAST_AVX2 HOLDFAST_INLINE __m256 constant(float v) {
+  return _mm256_set1_ps(v);
+}
 
 /// Eight pixels from x on, x >= 1 and x + 8 < width.
 HOLDFAST_AVX2 HOLDFAST_INLINE void residual_eight(const Images& images, int x,
                                                   const float* offset_px, const Residuals& out) {
-  const __m256 columns = _mm256_add_ps(constant(static_cast<float>(x)),
-                                       _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7));
+  const __m256 columns =
+      _mm256_add_ps(constant(static_cast<float>(x)), _mm256_setr_ps(0, 1, 2, 3, 4, 5, 6, 7));
   const __m256 at = _mm256_add_ps(columns, _mm256_loadu_ps(offset_px + x));
   const __m256 inside = _mm256_and_ps(
       _mm256_cmp_ps(at, constant(1), _CMP_GE_OQ),
       _mm256_cmp_ps(at, constant(static_cast<float>(images.right_width - 3)), _CMP_LT_OQ));
   const __m256 column = _mm256_floor_ps(at), t = _mm256_sub_ps(at, column);
-  const __m256i index = _mm256_and_si256(
-      _mm256_sub_epi32(_mm256_cvtps_epi32(column), _mm256_set1_epi32(1)),
-      _mm256_castps_si256(inside));
+  const __m256i index =
+      _mm256_and_si256(_mm256_sub_epi32(_mm256_cvtps_epi32(column), _mm256_set1_epi32(1)),
+                       _mm256_castps_si256(inside));
   const __m256i words =
       _mm256_i32gather_epi32(reinterpret_cast<const int*>(images.right), index, 1);
   const __m256 a = byte_of(words, 0), b = byte_of(words, 8), c = byte_of(words, 16),
                d = byte_of(words, 24);
   const __m256 half = constant(0.5F), gain = constant(images.gain);
   const __m256 c1 = _mm256_mul_ps(half, _mm256_sub_ps(c, a));
-  const __m256 c2 = _mm256_sub_ps(
-      _mm256_add_ps(_mm256_sub_ps(a, _mm256_mul_ps(constant(2.5F), b)),
-                    _mm256_mul_ps(constant(2), c)),
-      _mm256_mul_ps(half, d));
+  const __m256 c2 = _mm256_sub_ps(_mm256_add_ps(_mm256_sub_ps(a, _mm256_mul_ps(constant(2.5F), b)),
+                                                _mm256_mul_ps(constant(2), c)),
+                                  _mm256_mul_ps(half, d));
   const __m256 c3 = _mm256_add_ps(_mm256_mul_ps(half, _mm256_sub_ps(d, a)),
                                   _mm256_mul_ps(constant(1.5F), _mm256_sub_ps(b, c)));
   const __m256 value = _mm256_add_ps(
       _mm256_mul_ps(_mm256_add_ps(_mm256_mul_ps(_mm256_add_ps(_mm256_mul_ps(c3, t), c2), t), c1),
                     t),
       b);
-  const __m256 slope = _mm256_add_ps(
-      _mm256_mul_ps(_mm256_add_ps(_mm256_mul_ps(_mm256_mul_ps(constant(3), c3), t),
-                                  _mm256_mul_ps(constant(2), c2)),
-                    t),
-      c1);
+  const __m256 slope =
+      _mm256_add_ps(_mm256_mul_ps(_mm256_add_ps(_mm256_mul_ps(_mm256_mul_ps(constant(3), c3), t),
+                                                _mm256_mul_ps(constant(2), c2)),
+                                  t),
+                    c1);
   const __m256 grey = _mm256_cvtepi32_ps(left_grey(images.left + x));
-  const __m256 left_slope = _mm256_mul_ps(
-      half, _mm256_sub_ps(_mm256_cvtepi32_ps(left_grey(images.left + x + 1)),
-                          _mm256_cvtepi32_ps(left_grey(images.left + x - 1))));
+  const __m256 left_slope =
+      _mm256_mul_ps(half, _mm256_sub_ps(_mm256_cvtepi32_ps(left_grey(images.left + x + 1)),
+                                        _mm256_cvtepi32_ps(left_grey(images.left + x - 1))));
   const __m256 brightest = _mm256_max_ps(grey, _mm256_max_ps(b, c));
   const __m256i used = _mm256_castps_si256(
       _mm256_and_ps(inside, _mm256_cmp_ps(brightest, constant(kSaturated), _CMP_LT_OQ)));
   const __m256 scale = constant(kScale);
-  const __m256 residual =
-      _mm256_mul_ps(scale, _mm256_sub_ps(grey, _mm256_mul_ps(gain, value)));
+  const __m256 residual = _mm256_mul_ps(scale, _mm256_sub_ps(grey, _mm256_mul_ps(gain, value)));
   const __m256 gradient = _mm256_mul_ps(
       scale, _mm256_mul_ps(half, _mm256_add_ps(left_slope, _mm256_mul_ps(gain, slope))));
   store_words(_mm256_and_si256(_mm256_cvtps_epi32(residual), used), out.residual + x);
@@ -222,12 +222,15 @@ HOLDFAST_INLINE void quantise(const float* offset_px, int width, std::int32_t* o
   }
 }
 
-#define HOLDFAST_BOTH(name, body, parameters, arguments)               \
-  void name##_scalar parameters { body arguments; }                    \
-  HOLDFAST_AVX2 void name##_avx2 parameters { body arguments; }
+#define HOLDFAST_BOTH(name, body, parameters, arguments) \
+  void name##_scalar parameters {                        \
+    body arguments;                                      \
+  }                                                      \
+  HOLDFAST_AVX2 void name##_avx2 parameters {            \
+    body arguments;                                      \
+  }
 
-HOLDFAST_BOTH(add_products, products,
-              (const Residuals& row, int width, int sign, const Sums& sums),
+HOLDFAST_BOTH(add_products, products, (const Residuals& row, int width, int sign, const Sums& sums),
               (row, width, sign, sums))
 HOLDFAST_BOTH(add_offsets, offsets,
               (const std::int32_t* offset_256ths, int width, int sign, std::int32_t* sum,
@@ -237,8 +240,7 @@ HOLDFAST_BOTH(smooth_row, smooth,
               (const std::int32_t* offset_256ths, const std::int32_t* sum,
                const std::int32_t* count, int width, int least, float* out_px),
               (offset_256ths, sum, count, width, least, out_px))
-HOLDFAST_BOTH(quantise_row, quantise,
-              (const float* offset_px, int width, std::int32_t* out_256ths),
+HOLDFAST_BOTH(quantise_row, quantise, (const float* offset_px, int width, std::int32_t* out_256ths),
               (offset_px, width, out_256ths))
 HOLDFAST_BOTH(window_sum, windows,
               (const std::int32_t* in, int width, int radius, std::int32_t* scratch,

@@ -54,7 +54,8 @@ void quantise_row(const float* offset_px, int width, std::int32_t* out_256ths, S
 void residual_row(const Images& images, const float* offset_px, const Residuals& out, Simd simd);
 /// sums += row's products (sign +1) or -= (sign -1).
 void add_products(const Residuals& row, int width, int sign, const Sums& sums, Simd simd);
-/// out[x] = in[x - radius] + … + in[x + radius], nothing beyond the ends. `scratch`: 3·(width + 64).
+/// out[x] = in[x - radius] + … + in[x + radius], nothing beyond the ends. `scratch`: 3·(width +
+/// 64).
 void window_sum(const std::int32_t* in, int width, int radius, std::int32_t* scratch,
                 std::int32_t* out, Simd simd);
 /// moments += the centred window sums.

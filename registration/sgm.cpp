@@ -9,11 +9,13 @@
 namespace holdfast::registration::sgm {
 namespace {
 
-constexpr int kWarmUpRows = 24;     // rows above a band from which its paths come
-constexpr int kBandRows = 256;      // about
+constexpr int kWarmUpRows = 24;       // rows above a band from which its paths come
+constexpr int kBandRows = 256;        // about
 constexpr int kTolerance_16ths = 16;  // of the left-right check
 
-int bands_of(int height) { return std::max(2, 2 * ((height + kBandRows) / (2 * kBandRows))); }
+int bands_of(int height) {
+  return std::max(2, 2 * ((height + kBandRows) / (2 * kBandRows)));
+}
 
 /// What one band needs for itself.
 struct Workspace {
@@ -34,8 +36,8 @@ struct Workspace {
   }
 };
 
-/// Of the pixels that chose one right pixel the best keeps it; others become kNone unless they agree
-/// to a candidate.
+/// Of the pixels that chose one right pixel the best keeps it; others become kNone unless they
+/// agree to a candidate.
 void check_from_right(Workspace& work, const std::uint8_t* cost, int width, std::int16_t* choice) {
   std::fill(work.right_cost.begin(), work.right_cost.end(), std::uint8_t{255});
   const auto column = [&](int x) { return static_cast<std::size_t>(x + ((choice[x] + 8) >> 4)); };
@@ -52,7 +54,6 @@ void check_from_right(Workspace& work, const std::uint8_t* cost, int width, std:
       choice[x] = kNone;
   }
 }
-
 
 }  // namespace
 

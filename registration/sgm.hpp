@@ -26,8 +26,7 @@ struct LevelResult {
 /// windows may reach), or empty: all candidates.
 /// Left-right check: of the pixels that choose one right pixel only the best keeps it.
 void match_level(const cv::Mat1i& left, const cv::Mat1i& right, int blocks, const cv::Mat1s& base,
-                 Penalties penalties, WorkerPool& pool, LevelResult& out,
-                 Simd simd = best_simd());
+                 Penalties penalties, WorkerPool& pool, LevelResult& out, Simd simd = best_simd());
 
 /// Windows for the next finer level (twice as wide and high; `fine_size` is even), around each
 /// pixel's candidate, or around its neighbourhood's where that spans less than the window. Where

@@ -14,13 +14,17 @@ namespace {
 
 using Block = std::array<std::uint8_t, kBlock * kBlocksMax>;
 
-int base_of(const std::int16_t* base, int x) { return base == nullptr ? 0 : base[x]; }
+int base_of(const std::int16_t* base, int x) {
+  return base == nullptr ? 0 : base[x];
+}
 
 /// One step of a path: the gains `before`, of a window `shift` candidates further up, become T and
 /// the pixel's own gains.
 void step(const std::uint8_t* cost, const std::uint8_t* before, int shift, int count,
           Penalties penalties, std::uint8_t* t, std::uint8_t* gains) {
-  const auto gain = [&](int j) { return j + shift >= 0 && j + shift < count ? before[j + shift] : 0; };
+  const auto gain = [&](int j) {
+    return j + shift >= 0 && j + shift < count ? before[j + shift] : 0;
+  };
   // A neighbour's neighbour outside the pixel's own window counts as unknown, as in the vectors.
   const auto neighbour = [&](int j) { return j >= 0 && j < count ? gain(j) : 0; };
   Block path{};
@@ -47,7 +51,8 @@ void cost_row_scalar(const Row& row, const std::int32_t* left, const std::int32_
   const int count = kBlock * row.blocks;
   for (int x = 0; x < row.width; ++x)
     for (int j = 0; j < count; ++j) {
-      const auto differing = static_cast<std::uint32_t>(left[x] ^ right[x + base_of(row.base, x) + j]);
+      const auto differing =
+          static_cast<std::uint32_t>(left[x] ^ right[x + base_of(row.base, x) + j]);
       *cost++ = static_cast<std::uint8_t>(std::min(std::popcount(differing), kCostMax));
     }
 }
@@ -101,7 +106,8 @@ void choose_scalar(const Row& row, const std::uint8_t* cost, const std::uint8_t*
       if (std::abs(j - best) > 1) second = std::min(second, value(j));
     int fraction = 0;
     if (best > 0 && best < count - 1) {
-      const int rise_left = value(best - 1) - value(best), rise_right = value(best + 1) - value(best);
+      const int rise_left = value(best - 1) - value(best),
+                rise_right = value(best + 1) - value(best);
       const int steeper = std::max(rise_left, rise_right);
       if (steeper > 0) fraction = 8 * (rise_left - rise_right) / steeper;
     }
@@ -127,8 +133,8 @@ void aggregate_along(const Row& row, const std::uint8_t* cost, Penalties penalti
 void aggregate_down(const Row& row, const std::int16_t* before_base, const std::uint8_t* cost,
                     Penalties penalties, const Gains& before, const Gains& now, std::uint8_t* sum,
                     Simd simd) {
-  (simd == Simd::avx2 ? avx2::aggregate_down : aggregate_down_scalar)(
-      row, before_base, cost, penalties, before, now, sum);
+  (simd == Simd::avx2 ? avx2::aggregate_down : aggregate_down_scalar)(row, before_base, cost,
+                                                                      penalties, before, now, sum);
 }
 
 void choose(const Row& row, const std::uint8_t* cost, const std::uint8_t* sum, const Choice& out,

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The inner loops of semi-global matching, one image row at a time, over blocks of 16 candidates.
 //
-// Paths are kept as gains, not costs: of a pixel's candidates, G = max(0, P2 - (L - min L)), where L
-// is the path's cost (Hirschmueller's L_r). With
+// Paths are kept as gains, not costs: of a pixel's candidates, G = max(0, P2 - (L - min L)), where
+// L is the path's cost (Hirschmueller's L_r). With
 //   T(j) = max(G_before(j), G_before(j-1) - P1, G_before(j+1) - P1, 0)
 // the path's cost is L(j) = C(j) + P2 - T(j) up to a constant of the pixel. A zero gain says
 // "nothing known", so that candidates outside a neighbour's window need no special case, and the
@@ -15,10 +15,10 @@
 
 namespace holdfast::registration::sgm {
 
-constexpr int kBlock = 16;      ///< candidates in a block
-constexpr int kBlocksMax = 8;   ///< blocks of one pixel
-constexpr int kCostMax = 20;    ///< the census cost is cut here: random words differ in 15.5 bits
-constexpr int kPaths = 5;       ///< from the left, right, above, above left, above right
+constexpr int kBlock = 16;     ///< candidates in a block
+constexpr int kBlocksMax = 8;  ///< blocks of one pixel
+constexpr int kCostMax = 20;   ///< the census cost is cut here: random words differ in 15.5 bits
+constexpr int kPaths = 5;      ///< from the left, right, above, above left, above right
 
 struct Penalties {
   std::uint8_t p1 = 7;   ///< a step of one candidate

@@ -92,12 +92,13 @@ HOLDFAST_AVX2 void along(const Row& row, const std::uint8_t* cost, Penalties pen
                                                         shift_by(row.base[y] - row.base[y + 1])));
     Lanes<N> with_p2;
     for (int k = 0; k < N; ++k)
-      with_p2.v[k] = _mm256_add_epi8(
-          load(cost + x * kCount + kBlock * k, cost + y * kCount + kBlock * k), p2);
+      with_p2.v[k] =
+          _mm256_add_epi8(load(cost + x * kCount + kBlock * k, cost + y * kCount + kBlock * k), p2);
     Lanes<N> t = gains;
     gains = step<N>(with_p2, t, p1, p2);
     for (int k = 0; k < N; ++k) {
-      std::uint8_t *const a = sum + x * kCount + kBlock * k, *const b = sum + y * kCount + kBlock * k;
+      std::uint8_t *const a = sum + x * kCount + kBlock * k, *const b =
+                                                                 sum + y * kCount + kBlock * k;
       store(_mm256_add_epi8(load(a, b), t.v[k]), a, b);
     }
   }
@@ -150,8 +151,7 @@ HOLDFAST_AVX2 void down(const Row& row, const std::int16_t* before_base, const s
                            now.down_right + at, p1, p2, total);
     from_above<N, HasBase>(with_p2, before.down_left + at + kCount, shift[0][2], shift[1][2],
                            now.down_left + at, p1, p2, total);
-    for (int k = 0; k < N; ++k)
-      store(total.v[k], s + kBlock * k, s + kBlock * (N + k));
+    for (int k = 0; k < N; ++k) store(total.v[k], s + kBlock * k, s + kBlock * (N + k));
   }
 }
 
@@ -246,8 +246,8 @@ HOLDFAST_AVX2 void cost_row(const Row& row, const std::int32_t* left, const std:
       const __m256i second = bits_of(_mm256_xor_si256(word, _mm256_loadu_si256(words + 1)));
       const __m256i mixed = _mm256_packs_epi32(first, second);  // 0-3 8-11 | 4-7 12-15
       const __m256i inorder = _mm256_permute4x64_epi64(mixed, 0xd8);
-      const __m128i bytes = _mm_packus_epi16(_mm256_castsi256_si128(inorder),
-                                             _mm256_extracti128_si256(inorder, 1));
+      const __m128i bytes =
+          _mm_packus_epi16(_mm256_castsi256_si128(inorder), _mm256_extracti128_si256(inorder, 1));
       _mm_storeu_si128(reinterpret_cast<__m128i*>(cost), _mm_min_epu8(bytes, most));
     }
   }
@@ -261,8 +261,7 @@ void aggregate_along(const Row& row, const std::uint8_t* cost, Penalties penalti
 }
 
 void aggregate_down(const Row& row, const std::int16_t* before_base, const std::uint8_t* cost,
-                    Penalties penalties, const Gains& before, const Gains& now,
-                    std::uint8_t* sum) {
+                    Penalties penalties, const Gains& before, const Gains& now, std::uint8_t* sum) {
   const auto function =
       row.base != nullptr ? down<1, true> : kDown[static_cast<std::size_t>(row.blocks - 1)];
   function(row, before_base, cost, penalties, before, now, sum);
@@ -271,8 +270,7 @@ void aggregate_down(const Row& row, const std::int16_t* before_base, const std::
 HOLDFAST_AVX2 void choose(const Row& row, const std::uint8_t* cost, const std::uint8_t* sum,
                           const Choice& out) {
   const int count = kBlock * row.blocks;
-  for (int x = 0; x < row.width; ++x)
-    choose_pixel(row, x, cost + x * count, sum + x * count, out);
+  for (int x = 0; x < row.width; ++x) choose_pixel(row, x, cost + x * count, sum + x * count, out);
 }
 
 }  // namespace holdfast::registration::sgm::avx2

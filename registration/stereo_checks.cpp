@@ -87,7 +87,7 @@ Exposure exposure_of(const cv::Mat1b& image) {
 VerticalDisparity vertical_disparity(const RectifiedPair& pair, const cv::Mat1f& disparity_px,
                                      int largest_px) {
   constexpr int kSteps = 40, kTiles = 4, kBorder = 12, kLeastSamples = 8;
-  std::array<std::vector<double>, static_cast<std::size_t>(kTiles* kTiles)> tiles;
+  std::array<std::vector<double>, static_cast<std::size_t>(kTiles * kTiles)> tiles;
   std::vector<double> all;
   const int width = disparity_px.cols, height = disparity_px.rows;
   for (int i = 0; i < kSteps; ++i)

@@ -18,7 +18,7 @@ struct Exposure {
 [[nodiscard]] Exposure exposure_of(const cv::Mat1b& image);
 
 struct VerticalDisparity {
-  double rms_px = 0;    ///< of the medians of 4x4 tiles
+  double rms_px = 0;     ///< of the medians of 4x4 tiles
   double median_px = 0;  ///< right row - left row
   int samples = 0;
 };

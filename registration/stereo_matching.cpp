@@ -21,9 +21,9 @@ using Images = std::vector<cv::Mat1b>;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr int kRowsPerTask = 32;
-constexpr int kAmbiguousMargin = 6;      // of 255: a rival as good as the winner
-constexpr float kClearMargin = 64;       // of 255: confidence 1
-constexpr int kSpeckleStep_16ths = 16;   // neighbours of one piece differ by at most a candidate
+constexpr int kAmbiguousMargin = 6;     // of 255: a rival as good as the winner
+constexpr float kClearMargin = 64;      // of 255: confidence 1
+constexpr int kSpeckleStep_16ths = 16;  // neighbours of one piece differ by at most a candidate
 
 /// Both views of all shots on one level of the pyramid.
 struct Level {
@@ -129,8 +129,7 @@ cv::Mat1i full_offsets(const sgm::LevelResult& result, int level, const Rectifie
 
 void finish_rows(const sgm::LevelResult& result, const RefinedOffsets& refined, int largest_px,
                  const MatchParameters& parameters, int start, int end, DisparityMap& map) {
-  const auto variance_max =
-      static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px);
+  const auto variance_max = static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px);
   const auto largest = static_cast<float>(largest_px);
   for (int y = start; y < end; ++y) {
     const uchar* const margin = result.margin[y >> parameters.finest_level];
@@ -140,9 +139,10 @@ void finish_rows(const sgm::LevelResult& result, const RefinedOffsets& refined, 
       map.disparity_px(y, x) = is_known ? largest - refined.offset_px(y, x) : kNan;
       map.variance_px2(y, x) = is_known ? variance : kNan;
       map.confidence(y, x) =
-          is_known ? std::min(static_cast<float>(margin[x >> parameters.finest_level]) /
-                                  kClearMargin, 1.F)
-                   : 0.F;
+          is_known
+              ? std::min(static_cast<float>(margin[x >> parameters.finest_level]) / kClearMargin,
+                         1.F)
+              : 0.F;
     }
   }
 }
@@ -179,9 +179,9 @@ DisparityMap match_opencv(const RectifiedPair& pair, DisparityRange range) {
   constexpr int kBlockSize = 3;
   constexpr float kVariance_px2 = 0.1F;
   const auto start = Clock::now();
-  const auto matcher = cv::StereoSGBM::create(0, range.count, kBlockSize,
-                                              8 * kBlockSize * kBlockSize,
-                                              32 * kBlockSize * kBlockSize, 1, 0, 10, 100, 2);
+  const auto matcher =
+      cv::StereoSGBM::create(0, range.count, kBlockSize, 8 * kBlockSize * kBlockSize,
+                             32 * kBlockSize * kBlockSize, 1, 0, 10, 100, 2);
   // Its disparities count from the right view's first column: 0 <= d < count.
   cv::Mat1b left(pair.right.pixels.size(), uchar{0});
   pair.left.pixels.copyTo(left.colRange(range.count, left.cols));

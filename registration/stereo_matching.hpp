@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// Dense disparity of a rectified pair, with a variance per pixel. Census and semi-global matching on
-// a pyramid (every candidate on the coarsest level, windows around its result on the finer ones),
-// then least squares on the full-resolution intensities. OpenCV's SGBM, as paper A uses it, is the
-// selectable baseline. Pixels that cannot be known are NaN, never filled.
+// Dense disparity of a rectified pair, with a variance per pixel. Census and semi-global matching
+// on a pyramid (every candidate on the coarsest level, windows around its result on the finer
+// ones), then least squares on the full-resolution intensities. OpenCV's SGBM, as paper A uses it,
+// is the selectable baseline. Pixels that cannot be known are NaN, never filled.
 #pragma once
 
 #include <chrono>
@@ -33,8 +33,8 @@ struct MatchParameters {
   int finest_level = 1;    ///< halvings of the last level that is matched; 0 … coarsest_level
   sgm::Penalties penalties;
   double census_threshold_sigma = 2;  ///< in standard deviations of the noise
-  int margin_min = 8;        ///< to the second-best candidate, of 255; less: unknown
-  int speckle_min_px = 400;  ///< smaller connected pieces (full-resolution pixels) are unknown
+  int margin_min = 8;                 ///< to the second-best candidate, of 255; less: unknown
+  int speckle_min_px = 400;   ///< smaller connected pieces (full-resolution pixels) are unknown
   double sigma_max_px = 0.5;  ///< predicted error; more: unknown
   RefinementParameters refinement;
 };
@@ -54,14 +54,15 @@ struct DisparityMap {
   cv::Mat1f disparity_px;  ///< NaN where unknown
   cv::Mat1f variance_px2;  ///< of the disparity; NaN where unknown
   cv::Mat1f confidence;    ///< 0 … 1: how far the best candidate was ahead of its rivals
-  double ambiguous_share = 0;  ///< of the matched pixels, those with a rival as good (all candidates)
+  double ambiguous_share =
+      0;  ///< of the matched pixels, those with a rival as good (all candidates)
   std::chrono::nanoseconds match_time{0}, refine_time{0};
 };
 
 /// `pairs`: one, or several shots of one scene with different patterns or noise (a burst). All have
-/// padded_size(); right views begin range.minimum_px + range.count - 1 columns left of left ones and
-/// are range.count columns wider; `range` is whole. Not to be called by two threads at once on one
-/// pool. Does not depend on the pool's number of threads.
+/// padded_size(); right views begin range.minimum_px + range.count - 1 columns left of left ones
+/// and are range.count columns wider; `range` is whole. Not to be called by two threads at once on
+/// one pool. Does not depend on the pool's number of threads.
 [[nodiscard]] DisparityMap match_disparity(std::span<const RectifiedPair> pairs,
                                            DisparityRange range, const MatchParameters& parameters,
                                            WorkerPool& pool, Simd simd = best_simd());
