@@ -47,7 +47,7 @@ struct ReconstructionOptions {
   std::optional<MatchParameters> match;  ///< empty: match_parameters_for(image size)
   int threads = 2;                       ///< 1 … 64; the result does not depend on it
   double density_min = 0.2;              ///< of the region; less is no_surface
-  double vertical_limit_px = 0.7;        ///< rms over the image, of left against right rows
+  double vertical_limit_px = 0.35;       ///< rms over the image, of left against right rows
   double ambiguous_share_max = 0.35;     ///< of the matched pixels; more is period_slip
 };
 
