@@ -124,7 +124,7 @@ Evaluation evaluate_surface(const TriangleMesh& surface, const TriangleMesh& ref
   std::vector<double> to_vertex, to_triangle;
   for (const Eigen::Vector3d& p : evaluation.p_reference_mm) {
     const Eigen::Vector3f q = p.cast<float>();
-    std::size_t nearest = 0;
+    unsigned nearest = 0;
     float squared = 0;
     if (vertices.knnSearch(q.data(), 1, &nearest, &squared) == 0) continue;
     to_vertex.push_back((p - reference.vertices_mm[nearest].cast<double>()).norm());
