@@ -17,7 +17,8 @@ namespace {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr int kIterationsMax = 60;
-constexpr double kStepMinMm = 1e-5;
+constexpr double kStepMinSquared = 1e-3;  // in standard deviations: 3 % of one
+constexpr int kFieldAgain = 3;            // iteration
 constexpr double kGate = 4;  // robust standard deviations beyond which a point does not vote
 constexpr double kMadToSigma = 1.4826;
 
@@ -25,9 +26,8 @@ constexpr double kMadToSigma = 1.4826;
 struct Contact {
   double residual_mm;
   Vector6d h;
-  Eigen::Vector3d q_camera_mm;
+  Eigen::Vector3d p_camera_mm;
 };
-using Cell = std::tuple<int, int, int>;
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -56,7 +56,7 @@ std::vector<Contact> contacts(const std::vector<Eigen::Vector3d>& p_camera_mm,
     if (!closest.is_found || closest.is_on_rim) continue;
     const Eigen::Vector3d n = T_camera_ct.linear() * ct.normal(closest.triangle);
     const Eigen::Vector3d q = T_camera_ct * closest.p_mm;
-    result.push_back({n.dot(p - q), point_jacobian(T_camera_ct, closest.p_mm).transpose() * n, q});
+    result.push_back({n.dot(p - q), point_jacobian(T_camera_ct, closest.p_mm).transpose() * n, p});
   }
   return result;
 }
@@ -69,60 +69,110 @@ void gate(std::vector<Contact>& contacts) {
   std::erase_if(contacts, [limit](const Contact& c) { return std::abs(c.residual_mm) > limit; });
 }
 
-struct Region {
-  double count = 0, sum_residual = 0;
-  Vector6d sum_h = Vector6d::Zero(), sum_hr = Vector6d::Zero();
-  Matrix6d sum_hh = Matrix6d::Zero();
-  std::vector<double> residuals;
+/// The contacts of one small piece of the reconstructed surface, averaged.
+struct Patch {
+  double count = 0, residual_mm = 0;
+  Vector6d h = Vector6d::Zero();
+  Eigen::Vector3d centre_camera_mm = Eigen::Vector3d::Zero();
+  std::vector<double> residuals_mm;
 };
 
-std::map<Cell, Region> regions(const std::vector<Contact>& contacts, double size_mm) {
-  std::map<Cell, Region> result;
+std::vector<Patch> patches(const std::vector<Contact>& contacts, double size_mm) {
+  using Cell = std::tuple<int, int, int>;
+  std::map<Cell, Patch> cells;
   for (const Contact& c : contacts) {
-    const Eigen::Vector3i cell = (c.q_camera_mm / size_mm).array().floor().cast<int>();
-    Region& region = result[{cell.x(), cell.y(), cell.z()}];
-    region.count += 1;
-    region.sum_residual += c.residual_mm;
-    region.sum_h += c.h;
-    region.sum_hr += c.h * c.residual_mm;
-    region.sum_hh += c.h * c.h.transpose();
-    region.residuals.push_back(c.residual_mm);
+    const Eigen::Vector3i cell = (c.p_camera_mm / size_mm).array().floor().cast<int>();
+    Patch& patch = cells[{cell.x(), cell.y(), cell.z()}];
+    patch.count += 1;
+    patch.residual_mm += c.residual_mm;
+    patch.h += c.h;
+    patch.centre_camera_mm += c.p_camera_mm;
+    patch.residuals_mm.push_back(c.residual_mm);
+  }
+  std::vector<Patch> result;
+  for (auto& [cell, patch] : cells) {
+    patch.residual_mm /= patch.count;
+    patch.h /= patch.count;
+    patch.centre_camera_mm /= patch.count;
+    result.push_back(std::move(patch));
   }
   return result;
 }
 
-/// The two error scales from the residuals: within regions and between them.
-void measure_noise(const std::map<Cell, Region>& regions, double regional_min_mm, SurfaceFit& fit) {
-  constexpr double kPointsMin = 5;
-  std::vector<double> within;
-  double between = 0, sampling = 0, used = 0;
-  for (const auto& [cell, region] : regions) {
-    if (region.count < kPointsMin) continue;
-    const double mean = region.sum_residual / region.count;
-    for (const double r : region.residuals) within.push_back(std::abs(r - mean));
-    between += mean * mean;
-    sampling += 1 / region.count;
-    used += 1;
-  }
-  constexpr double kNoiseFloorMm = 1e-3;
-  fit.noise_mm =
-      within.empty() ? kNoiseFloorMm : std::max(kNoiseFloorMm, kMadToSigma * median(within));
-  // Six numbers of the regions' means were spent on the fit.
-  const double excess =
-      used > 6 ? between / (used - 6) - fit.noise_mm * fit.noise_mm * sampling / used : 0;
-  fit.regional_mm = std::max(regional_min_mm, std::sqrt(std::max(0.0, excess)));
+/// 1 sigma of a point about its patch, robust.
+double point_noise_mm(const std::vector<Patch>& patches) {
+  constexpr double kFloorMm = 1e-3;
+  std::vector<double> deviations;
+  for (const Patch& patch : patches)
+    if (patch.count >= 3)
+      for (const double r : patch.residuals_mm)
+        deviations.push_back(std::abs(r - patch.residual_mm));
+  return deviations.empty() ? kFloorMm : std::max(kFloorMm, kMadToSigma * median(deviations));
 }
 
-/// Adds each region's information: noise of each point and one error that all its points share
-/// (Woodbury: (s^2 I + g^2 11')^-1 = (I - g^2/(s^2 + m g^2) 11')/s^2).
-void add_information(const std::map<Cell, Region>& regions, const SurfaceFit& fit,
-                     Matrix6d& information, Vector6d& gradient) {
-  const double s2 = fit.noise_mm * fit.noise_mm, g2 = fit.regional_mm * fit.regional_mm;
-  for (const auto& [cell, region] : regions) {
-    const double shared = g2 / (s2 + region.count * g2);
-    information += (region.sum_hh - shared * region.sum_h * region.sum_h.transpose()) / s2;
-    gradient += (region.sum_hr - shared * region.sum_h * region.sum_residual) / s2;
+/// The patches' residuals as a linear model y = H·step + e, e of covariance noise + field.
+struct Model {
+  Eigen::VectorXd y, noise_mm2;  // variance of each patch's mean
+  Eigen::MatrixXd H, correlation;
+
+  Model(const std::vector<Patch>& patches, double point_noise_mm, double correlation_mm) {
+    const auto n = static_cast<Eigen::Index>(patches.size());
+    y.resize(n);
+    noise_mm2.resize(n);
+    H.resize(n, 6);
+    correlation.resize(n, n);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const Patch& patch = patches[static_cast<std::size_t>(i)];
+      y(i) = patch.residual_mm;
+      H.row(i) = patch.h.transpose();
+      noise_mm2(i) = point_noise_mm * point_noise_mm / patch.count;
+      for (Eigen::Index j = 0; j < n; ++j) {
+        const Patch& other = patches[static_cast<std::size_t>(j)];
+        correlation(i, j) =
+            std::exp(-(patch.centre_camera_mm - other.centre_camera_mm).norm() / correlation_mm);
+      }
+    }
   }
+};
+
+struct Solution {
+  Matrix6d information;
+  Vector6d gradient;
+  double restricted_log_likelihood;
+};
+
+/// Generalised least squares under a field of `field_mm`, and how likely such a field is once the
+/// six numbers of the motion are fitted (restricted likelihood, constants left out).
+Solution solve(const Model& model, double field_mm) {
+  Eigen::MatrixXd covariance = field_mm * field_mm * model.correlation;
+  covariance.diagonal() += model.noise_mm2;
+  const Eigen::LLT<Eigen::MatrixXd> root{covariance};
+  const Eigen::MatrixXd H = root.matrixL().solve(model.H);
+  const Eigen::VectorXd y = root.matrixL().solve(model.y);
+  Solution s{H.transpose() * H, H.transpose() * y, 0};
+  const Eigen::LDLT<Matrix6d> normal{s.information};
+  const double rest = y.squaredNorm() - s.gradient.dot(normal.solve(s.gradient));
+  const Eigen::MatrixXd L = root.matrixL();
+  s.restricted_log_likelihood = -L.diagonal().array().log().sum() -
+                                0.5 * normal.vectorD().array().abs().log().sum() - 0.5 * rest;
+  return s;
+}
+
+/// The field that the residuals speak for, at least `field_min_mm`; steps of a fifth.
+double likeliest_field_mm(const Model& model, double field_min_mm) {
+  constexpr double kStep = 1.2;
+  constexpr int kStepsMax = 16;
+  double best = field_min_mm;
+  double best_likelihood = solve(model, best).restricted_log_likelihood;
+  double field = best;
+  for (int i = 0; i < kStepsMax; ++i) {
+    field *= kStep;
+    const double likelihood = solve(model, field).restricted_log_likelihood;
+    if (!(likelihood > best_likelihood)) break;
+    best = field;
+    best_likelihood = likelihood;
+  }
+  return best;
 }
 
 Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vector6d& step) {
@@ -171,7 +221,7 @@ void summarise(const std::vector<Contact>& contacts, const RigidFit& start, Surf
   for (const Contact& c : contacts) {
     sum += std::abs(c.residual_mm);
     squares += c.residual_mm * c.residual_mm;
-    centre += c.q_camera_mm;
+    centre += c.p_camera_mm;
   }
   const auto n = static_cast<double>(contacts.size());
   centre /= n;
@@ -198,17 +248,20 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
       return fit;
     }
     gate(on_surface);
-    const std::map<Cell, Region> grouped = regions(on_surface, options.region_mm);
-    measure_noise(grouped, options.regional_min_mm, fit);
-    Matrix6d information = prior;
-    Vector6d gradient = prior * difference(fit.T_camera_ct, start.T_camera_ct);
-    add_information(grouped, fit, information, gradient);
+    const std::vector<Patch> grouped = patches(on_surface, options.patch_mm);
+    fit.noise_mm = point_noise_mm(grouped);
+    const Model model{grouped, fit.noise_mm, options.correlation_mm};
+    // The field is judged twice: at the start, and once the surfaces lie on each other.
+    if (i == 0 || i == kFieldAgain) fit.field_mm = likeliest_field_mm(model, options.field_min_mm);
+    const Solution surface = solve(model, fit.field_mm);
+    const Matrix6d information = prior + surface.information;
+    const Vector6d gradient =
+        prior * difference(fit.T_camera_ct, start.T_camera_ct) + surface.gradient;
     const Eigen::LDLT<Matrix6d> normal{information};
     const Vector6d step = normal.solve(gradient);
     if (!step.allFinite()) return fit;
     fit.T_camera_ct = moved(fit.T_camera_ct, step);
     fit.covariance = normal.solve(Matrix6d::Identity());
-    if (step.head<3>().norm() + 100 * step.tail<3>().norm() > kStepMinMm) continue;
     summarise(on_surface, start, fit);
     fit.p_value = p_value_of_shift(difference(start.T_camera_ct, fit.T_camera_ct), start.covariance,
                                    fit.covariance);

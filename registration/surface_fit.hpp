@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // A fiducial registration and a reconstructed surface, fused by covariance. The surface does not
 // overwrite the fiducials: each adds the information it has. The surface's errors are not
-// independent from point to point (calibration bends whole regions), so points share a regional
-// error, and a thousand neighbours count little more than one.
+// independent from point to point: calibration bends it as a whole. So a random field is
+// part of the error model, and a thousand neighbours count little more than one.
 #pragma once
 
 #include <cstdint>
@@ -16,10 +16,13 @@ namespace holdfast::registration {
 struct SurfaceFitOptions {
   std::size_t points = 4000;  ///< drawn from the surface
   std::uint64_t seed = 1;
-  double within_mm = 2;   ///< farther from the CT surface is not overlap
-  double region_mm = 10;  ///< size of the regions that share an error
-  double regional_min_mm =
-      0.03;                  ///< 1 sigma of that error, at least: what a good calibration leaves
+  double within_mm = 2;  ///< farther from the CT surface is not overlap
+  double patch_mm = 4;   ///< points are averaged over pieces of this size
+  /// The calibration's error bends the surface as a field of correlation exp(-d / L). A smoother
+  /// kernel would let the fit tell field from motion far better than any real error allows.
+  double correlation_mm = 10;  ///< L
+  double field_min_mm =
+      0.06;  ///< 1 sigma of it, at least: what calibration leaves, which residuals do not show
   double overlap_min = 0.3;  ///< share of the drawn points that must lie on the CT surface
   double disagreement_p_min = 1e-4;
 };
@@ -36,8 +39,8 @@ struct SurfaceFit {
   Eigen::Isometry3d T_camera_ct = Eigen::Isometry3d::Identity();  ///< only with `fused`
   Matrix6d covariance = Matrix6d::Zero();                         ///< as RigidFit::covariance
   double overlap = 0;                                             ///< share of the drawn points
-  double noise_mm = 0;     ///< 1 sigma of a point about its region's error
-  double regional_mm = 0;  ///< 1 sigma of a region's error, as seen or as at least assumed
+  double noise_mm = 0;                                            ///< 1 sigma of a point
+  double field_mm = 0;  ///< 1 sigma of the field, as seen or as at least assumed
   double closest_point_mean_mm = 0, closest_point_rmse_mm = 0;  ///< over the overlap
   double shift_mm = 0;  ///< how far the overlap's centre moved from the fiducials' fit
   double p_value = 1;   ///< of a disagreement at least as large
