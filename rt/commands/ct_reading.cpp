@@ -8,6 +8,7 @@
 
 #include "bridge/command_line.hpp"
 #include "registration/ct/dicom_series.hpp"
+#include "registration/markups.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
@@ -47,6 +48,12 @@ registration::CtVolume read_ct(const std::string& folder, const std::string& ser
       dprintf(line.descriptor, "\rslice %zu of %zu", done, total);
   };
   return registration::read_ct_series(folder, options);
+}
+
+std::map<std::string, std::string> ct_properties(const registration::CtVolume& volume) {
+  return {{registration::kCtSeriesUid, volume.identity.series_uid},
+          {registration::kCtStudyUid, volume.identity.study_uid},
+          {registration::kCtFrameOfReferenceUid, volume.identity.frame_of_reference_uid}};
 }
 
 void add_ct_members(const registration::CtVolume& volume, nlohmann::ordered_json& json) {

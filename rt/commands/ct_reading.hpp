@@ -3,6 +3,7 @@
 // members of their JSON that tell which CT it was.
 #pragma once
 
+#include <map>
 #include <string>
 
 #include <nlohmann/json.hpp>
@@ -15,6 +16,10 @@ namespace holdfast::rt {
 /// after SIGINT or SIGTERM, else as registration::read_ct_series.
 [[nodiscard]] registration::CtVolume read_ct(const std::string& folder,
                                              const std::string& series_uid);
+
+/// Which CT it was, as the properties of markups (registration/markups.hpp).
+[[nodiscard]] std::map<std::string, std::string> ct_properties(
+    const registration::CtVolume& volume);
 
 /// Adds `series`, `frame_of_reference`, `description`, `slices` and `notes`.
 void add_ct_members(const registration::CtVolume& volume, nlohmann::ordered_json& json);

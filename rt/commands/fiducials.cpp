@@ -65,8 +65,8 @@ void run(const Options& options) {
   bridge::catch_interrupts();
   const registration::CtVolume volume = read_ct(options.dicom, options.series);
   const registration::BeadSearch search = registration::find_beads(volume, options.diameter_mm);
-  const std::string text =
-      registration::markups_text(registration::bead_points(search, options.count));
+  const std::string text = registration::markups_text(registration::Markups{
+      registration::bead_points(search, options.count), ct_properties(volume), {}});
   if (bridge::is_interrupted()) throw InterruptedError("interrupted");
   bridge::write_file_atomically(options.out, text);
   report(options, volume, search);

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <stdexcept>
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
@@ -15,7 +16,7 @@ namespace {
 
 using nlohmann::json;
 
-class Markups : public ::testing::Test {
+class MarkupsFile : public ::testing::Test {
  protected:
   void SetUp() override {
     path_ = (std::filesystem::path{::testing::TempDir()} /
@@ -30,9 +31,21 @@ class Markups : public ::testing::Test {
   }
   void TearDown() override { std::filesystem::remove(path_); }
 
-  std::vector<MarkupPoint> read(const std::string& text) const {
+  Markups read_file(const std::string& text) const {
     std::ofstream(path_, std::ios::binary) << text;
-    return read_markups(path_);
+    return read_markups_file(path_);
+  }
+  std::vector<MarkupPoint> read(const std::string& text) const { return read_file(text).points; }
+  /// The points with an identity, and with errors that they share: joint blocks are their own.
+  Markups joint() const {
+    Markups markups{points_, {{kCtSeriesUid, "1.2.840.7"}, {"note", "a \"text\", µ"}}, {}};
+    markups.points[0].covariance_mm2 = Eigen::Vector3d(0.25, 0.5, 1).asDiagonal();
+    markups.joint_covariance_mm2 = Eigen::MatrixXd::Zero(6, 6);
+    markups.joint_covariance_mm2.topLeftCorner<3, 3>() = *markups.points[0].covariance_mm2;
+    markups.joint_covariance_mm2.bottomRightCorner<3, 3>() = *markups.points[1].covariance_mm2;
+    markups.joint_covariance_mm2(0, 3) = markups.joint_covariance_mm2(3, 0) = 1e-3;
+    markups.joint_covariance_mm2(0, 5) = markups.joint_covariance_mm2(5, 0) = 2e-3;
+    return markups;
   }
   std::string refusal(const std::string& text) const {
     try {
@@ -47,7 +60,7 @@ class Markups : public ::testing::Test {
   std::vector<MarkupPoint> points_;
 };
 
-TEST_F(Markups, ComeBackExactly) {
+TEST_F(MarkupsFile, ComeBackExactly) {
   const auto back = read(markups_text(points_));
   ASSERT_EQ(back.size(), 2U);
   EXPECT_EQ(back[0].label, "bead-1");
@@ -58,7 +71,58 @@ TEST_F(Markups, ComeBackExactly) {
   EXPECT_EQ(*back[1].covariance_mm2, *points_[1].covariance_mm2);
 }
 
-TEST_F(Markups, WritesWhatSlicerRequires) {
+TEST_F(MarkupsFile, IdentityAndJointCovarianceComeBackExactly) {
+  const Markups back = read_file(markups_text(joint()));
+  EXPECT_EQ(back.properties, joint().properties);
+  EXPECT_EQ(back.joint_covariance_mm2, joint().joint_covariance_mm2);
+  const Markups plain = read_file(markups_text(points_));
+  EXPECT_TRUE(plain.properties.empty());
+  EXPECT_EQ(plain.joint_covariance_mm2.size(), 0);
+}
+
+TEST_F(MarkupsFile, JointCovarianceOfARasFileIsConverted) {
+  json content = json::parse(markups_text(joint()));
+  content["markups"][0]["coordinateSystem"] = "RAS";
+  const Eigen::MatrixXd got = read_file(content.dump()).joint_covariance_mm2;
+  const Eigen::MatrixXd lps = joint().joint_covariance_mm2;
+  EXPECT_EQ(got(0, 3), lps(0, 3));
+  EXPECT_EQ(got(0, 5), -lps(0, 5));
+  EXPECT_EQ(got(5, 5), lps(5, 5));
+}
+
+TEST_F(MarkupsFile, RefusesAJointCovarianceOrPropertyByName) {
+  const json good = json::parse(markups_text(joint()));
+  const auto with = [&](const char* pointer, const json& value) {
+    json content = good;
+    content[json::json_pointer(pointer)] = value;
+    return content.dump();
+  };
+  json fewer = good;
+  fewer["markups"][0]["controlPoints"].erase(1);
+  json swapped = good;
+  std::swap(swapped["markups"][0]["controlPoints"][0], swapped["markups"][0]["controlPoints"][1]);
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {with("/holdfast", 1), "'holdfast' is not an object"},
+      {with("/holdfast/properties", json::array()), "properties is not an object"},
+      {with("/holdfast/properties/note", 3), "property 'note' is not a text"},
+      {with("/holdfast/joint_covariance_mm2", json::array({1})), "36 numbers, as 2 points"},
+      {with("/holdfast/joint_covariance_mm2/3", nullptr), "not a finite number"},
+      {with("/holdfast/joint_covariance_mm2/3", 0.5), "joint_covariance_mm2 is not symmetric"},
+      {with("/holdfast/joint_covariance_mm2/0", -1), "not positive semi-definite"},
+      {with("/holdfast/joint_covariance_mm2/0", 0.26), "differs from covariance_mm2 of point"},
+      {fewer.dump(), "9 numbers, as 1 points"},
+      {swapped.dump(), "differs from covariance_mm2 of point 'b'"},
+  };
+  for (const auto& [text, expected] : cases) {
+    const std::string said = refusal(text);
+    EXPECT_NE(said.find(expected), std::string::npos) << expected << " / " << said;
+  }
+  Markups wrong = joint();
+  wrong.points.pop_back();
+  EXPECT_THROW((void)markups_text(wrong), std::invalid_argument);
+}
+
+TEST_F(MarkupsFile, WritesWhatSlicerRequires) {
   const json content = json::parse(markups_text(points_));
   EXPECT_TRUE(content["@schema"].get<std::string>().find("markups-schema-v1") != std::string::npos);
   const json& list = content["markups"][0];
@@ -69,7 +133,7 @@ TEST_F(Markups, WritesWhatSlicerRequires) {
   EXPECT_EQ(list["controlPoints"][1]["positionStatus"], "defined");
 }
 
-TEST_F(Markups, RasIsConvertedWithItsCovariance) {
+TEST_F(MarkupsFile, RasIsConvertedWithItsCovariance) {
   json content = json::parse(markups_text(points_));
   content["markups"][0]["coordinateSystem"] = "RAS";
   const auto back = read(content.dump());
@@ -81,7 +145,7 @@ TEST_F(Markups, RasIsConvertedWithItsCovariance) {
   EXPECT_EQ(got(2, 2), lps(2, 2));
 }
 
-TEST_F(Markups, PointsThatWereNotPlacedAreNoPoints) {
+TEST_F(MarkupsFile, PointsThatWereNotPlacedAreNoPoints) {
   json content = json::parse(markups_text(points_));
   content["markups"][0]["controlPoints"][0]["positionStatus"] = "undefined";
   content["markups"][0]["controlPoints"][0]["position"] = nullptr;
@@ -90,7 +154,7 @@ TEST_F(Markups, PointsThatWereNotPlacedAreNoPoints) {
   EXPECT_EQ(back[0].label, "b");
 }
 
-TEST_F(Markups, RefusesBadInputByName) {
+TEST_F(MarkupsFile, RefusesBadInputByName) {
   const json good = json::parse(markups_text(points_));
   const auto with = [&](const char* pointer, const json& value) {
     json content = good;
@@ -138,7 +202,7 @@ TEST_F(Markups, RefusesBadInputByName) {
   EXPECT_THROW((void)read_markups(::testing::TempDir()), InputError);
 }
 
-TEST_F(Markups, ANumberThatIsNotFiniteIsNotWrittenAsOne) {
+TEST_F(MarkupsFile, ANumberThatIsNotFiniteIsNotWrittenAsOne) {
   points_[0].position_mm.x() = std::numeric_limits<double>::quiet_NaN();
   EXPECT_NE(refusal(markups_text(points_)), "");
 }
