@@ -12,6 +12,8 @@ void add_ct_command(CLI::App& program);
 void add_demo_command(CLI::App& program);
 void add_reaction_commands(CLI::App& program);
 void add_operator_command(CLI::App& program);
+void add_or_command(CLI::App& program);
+void add_or_error_commands(CLI::App& program);
 void add_robot_command(CLI::App& program);
 void add_stereo_command(CLI::App& program);
 

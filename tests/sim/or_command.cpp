@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast-sim or`: the virtual operating room's microscope, as files.
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <string>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <unistd.h>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/command_line.hpp"
+#include "rt/core/error.hpp"
+#include "tests/sim/commands.hpp"
+#include "tests/sim/or/room.hpp"
+#include "tests/sim/or/room_files.hpp"
+
+namespace holdfast::sim {
+namespace {
+
+constexpr const char* kExample =
+    "Example: calibration images for every zoom, then a stereo pair of the ear\n"
+    "  holdfast-sim or --config config/or.toml --what calibration --out images/\n"
+    "  holdfast-sim or --config config/or.toml --what stereo --out pair/ --truth truth.json";
+
+struct Options {
+  std::filesystem::path config, out, truth;
+  std::string what = "stereo";
+  bool is_json = false, is_check = false;
+};
+
+void report(int done, int all) {
+  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+  if (isatty(STDERR_FILENO) == 0) return;
+  fmt::print(stderr, "\r{} of {}{}", done, all, done == all ? "\n" : "");
+}
+
+RoomFiles write(const RoomConfig& config, const Options& options) {
+  if (options.what == "calibration") return write_calibration_images(config, options.out, report);
+  return write_stereo_images(config, options.out, report);
+}
+
+void run(const Options& options) {
+  const RoomConfig config = read_room_config(options.config);
+  if (options.is_check) return;
+  if (options.out.empty()) throw InputError("--out is missing");
+  bridge::catch_interrupts();
+  const auto start = std::chrono::steady_clock::now();
+  const RoomFiles files = write(config, options);
+  if (!options.truth.empty())
+    bridge::write_file_atomically(options.truth.string(), files.truth + "\n");
+  const double seconds =
+      std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  if (options.is_json)
+    fmt::print("{}\n", nlohmann::json{{"what", options.what},
+                                      {"out", options.out.string()},
+                                      {"files", files.files},
+                                      {"seconds", seconds}}
+                           .dump());
+  else
+    fmt::print("{}: {} files in {:.1f} s\n", options.out.string(), files.files, seconds);
+}
+
+}  // namespace
+
+void add_or_command(CLI::App& app) {
+  const auto options = std::make_shared<Options>();
+  CLI::App* command =
+      app.add_subcommand("or", "The stereo microscope above a phantom: images as files.");
+  command->add_option("--config", options->config, "the room (see config/or.toml)")->required();
+  command->add_option("--what", options->what, "which images")
+      ->check(CLI::IsMember({"calibration", "stereo"}))
+      ->capture_default_str();
+  command->add_option("--out", options->out, "folder for the images");
+  command->add_option("--truth", options->truth,
+                      "write what the pipeline must not know to this file (JSON)");
+  command->add_flag("--check", options->is_check, "check the configuration and end");
+  command->add_flag("--json", options->is_json, "one JSON object on stdout");
+  command->footer(kExample);
+  command->callback([options] { run(*options); });
+}
+
+}  // namespace holdfast::sim
