@@ -40,6 +40,7 @@ void report(int done, int all) {
 
 RoomFiles write(const RoomConfig& config, const Options& options) {
   if (options.what == "calibration") return write_calibration_images(config, options.out, report);
+  if (options.what == "sequence") return write_sequence(config, options.out, report);
   return write_stereo_images(config, options.out, report);
 }
 
@@ -72,7 +73,7 @@ void add_or_command(CLI::App& app) {
       app.add_subcommand("or", "The stereo microscope above a phantom: images as files.");
   command->add_option("--config", options->config, "the room (see config/or.toml)")->required();
   command->add_option("--what", options->what, "which images")
-      ->check(CLI::IsMember({"calibration", "stereo"}))
+      ->check(CLI::IsMember({"calibration", "stereo", "sequence"}))
       ->capture_default_str();
   command->add_option("--out", options->out, "folder for the images");
   command->add_option("--truth", options->truth,

@@ -5,7 +5,7 @@
 
 #include <cstdint>
 
-#include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <opencv2/core.hpp>
 
 namespace holdfast::sim {

@@ -135,20 +135,14 @@ RoomConfig read_room_config(const std::filesystem::path& path) {
 
 Phantom make_phantom(const RoomConfig& config) {
   if (config.phantom == "relief") return make_relief_phantom(config.phantom_seed);
+  if (config.phantom == "ear") return make_ear_phantom(config.phantom_seed);
   throw UnavailableError(fmt::format("phantom '{}' is not built in", config.phantom));
 }
 
 std::vector<Eigen::Isometry3d> head_poses(const RoomConfig& config, const Phantom& phantom,
                                           double focus_mm) {
-  // x along the longest side of the region of interest: the sensor is wider than high.
   const Vector3d z = -phantom.n_view_ct.normalized();
-  Vector3d x = Vector3d::Zero();
-  for (int axis = 0; axis < 3; ++axis) {
-    Vector3d side = Vector3d::Unit(axis) * phantom.region_of_interest_mm.sizes()[axis];
-    side -= z * z.dot(side);
-    if (side.norm() > x.norm()) x = side;
-  }
-  x.normalize();
+  const Vector3d x = (phantom.x_view_ct - z * z.dot(phantom.x_view_ct)).normalized();
   std::seed_seq sequence{config.seed, 0x905e5U};
   std::mt19937 random{sequence};
   const auto draw = [&random] {
