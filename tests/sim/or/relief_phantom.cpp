@@ -15,15 +15,15 @@ double relief_mm(double x, double y, double phase) {
   z += 6 * std::exp(-(x * x + y * y) / 250);
   // A post with walls steep enough to hide and to shade.
   const double r = std::hypot(x - 14, y + 4);
-  return z + 9 / (1 + std::exp((r - 5) / 0.25));
+  return z + 14 / (1 + std::exp((r - 5) / 0.3));
 }
 
 LitSurface relief(double phase) {
   LitSurface s;
   s.look.texture_contrast = 0.12F;
   s.look.texture_mm = 0.6F;
-  constexpr int kColumns = 500, kRows = 350;
-  constexpr double kStepMm = 0.2, kX0 = -50, kY0 = -35, kH = 1e-3;
+  constexpr int kColumns = 250, kRows = 175;
+  constexpr double kStepMm = 0.4, kX0 = -50, kY0 = -35, kH = 1e-3;
   for (int j = 0; j <= kRows; ++j)
     for (int i = 0; i <= kColumns; ++i) {
       const double x = kX0 + kStepMm * i, y = kY0 + kStepMm * j;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The kernel's code, included by one source file for each instruction set, each with its own
 // HOLDFAST_KERNEL_NAMESPACE.
+#pragma once
 
 #include <cmath>
 #include <cstring>
