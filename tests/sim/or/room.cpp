@@ -136,7 +136,11 @@ RoomConfig read_room_config(const std::filesystem::path& path) {
 Phantom make_phantom(const RoomConfig& config) {
   if (config.phantom == "relief") return make_relief_phantom(config.phantom_seed);
   if (config.phantom == "ear") return make_ear_phantom(config.phantom_seed);
-  throw UnavailableError(fmt::format("phantom '{}' is not built in", config.phantom));
+  if (config.phantom == "cavity_bone")
+    return make_cavity_phantom(config.phantom_seed, CavityRealism::bone);
+  if (config.phantom == "cavity_covered")
+    return make_cavity_phantom(config.phantom_seed, CavityRealism::covered);
+  return make_cavity_phantom(config.phantom_seed, CavityRealism::bloody);
 }
 
 std::vector<Eigen::Isometry3d> head_poses(const RoomConfig& config, const Phantom& phantom,
