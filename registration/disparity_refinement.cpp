@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <vector>
 
+#include "registration/census.hpp"
 #include "registration/refinement_rows.hpp"
 
 namespace holdfast::registration {
@@ -15,6 +16,7 @@ namespace {
 using namespace refinement;
 
 constexpr int kBandRows = 96;
+constexpr float kNear_px = 0.75F;  // of a fitted offset to its neighbours' mean; further: an edge
 
 int bands_of(int height) {
   return (height + kBandRows - 1) / kBandRows;
@@ -58,7 +60,7 @@ class Smoother {
         window_count_(from_.cols),
         scratch_(static_cast<std::size_t>(3 * (from_.cols + 64))) {}
 
-  void band(int start, int end, cv::Mat1f& out) {
+  void band(int start, int end, float near_px, cv::Mat1f& out) {
     std::fill(sum_.begin(), sum_.end(), 0);
     std::fill(count_.begin(), count_.end(), 0);
     for (int y = start - radius_; y < start + radius_; ++y) add(y, 1);
@@ -66,8 +68,8 @@ class Smoother {
       add(y + radius_, 1);
       window_sum(sum_.data(), from_.cols, radius_, scratch_.data(), window_sum_.data(), simd_);
       window_sum(count_.data(), from_.cols, radius_, scratch_.data(), window_count_.data(), simd_);
-      smooth_row(from_[y], window_sum_.data(), window_count_.data(), from_.cols, least_, out[y],
-                 simd_);
+      smooth_row(from_[y], window_sum_.data(), window_count_.data(), from_.cols, least_, near_px,
+                 out[y], simd_);
       add(y - radius_, -1);
     }
   }
@@ -156,13 +158,20 @@ class ShotWindow {
   std::vector<Rows<std::int16_t, 3>> ring_;
 };
 
+/// Half the noise's variance is in a central difference; the mean of both views' has half of that.
+float gradient_noise(const cv::Mat1b& image) {
+  const double noise = kScale * noise_of(image);
+  return static_cast<float>(noise * noise / 4);
+}
+
 /// One fit of every pixel around `start_px`.
 void fit(std::span<const ShotPair> shots, const cv::Mat1f& start_px,
          const RefinementParameters& parameters, WorkerPool& pool, RefinedOffsets& out, Simd simd) {
   const int width = start_px.cols, height = start_px.rows, size = 2 * parameters.radius_px + 1;
   const Limits limits{
       1 / (parameters.prior_sigma_px * parameters.prior_sigma_px), parameters.step_max_px,
-      parameters.support_min * static_cast<float>(size * size) * static_cast<float>(shots.size())};
+      parameters.support_min * static_cast<float>(size * size) * static_cast<float>(shots.size()),
+      gradient_noise(shots[0].left)};
   std::vector<float> gains;
   for (const ShotPair& shot : shots) gains.push_back(gain_of(shot, start_px));
   pool.run(bands_of(height), [&](int band) {
@@ -192,9 +201,10 @@ void refine_offsets(std::span<const ShotPair> shots, const cv::Mat1i& offset_256
   cv::Mat1i again;
   for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
     const cv::Mat1i& from = iteration == 0 ? offset_256ths : again;
+    const float near_px = iteration == 0 ? parameters.start_near_px : kNear_px;
     pool.run(bands, [&](int band) {
       const int start = band * kBandRows, end = std::min(start + kBandRows, from.rows);
-      Smoother(from, parameters, simd).band(start, end, smooth);
+      Smoother(from, parameters, simd).band(start, end, near_px, smooth);
     });
     fit(shots, smooth, parameters, pool, out, simd);
     if (iteration + 1 == parameters.iterations) break;

@@ -27,6 +27,7 @@ struct ShotPair {
 struct RefinementParameters {
   int radius_px = 6;            ///< windows are 2·radius + 1 pixels wide and high; 2 … 10
   int iterations = 2;           ///< smooth, fit
+  float start_near_px = 0.75F;  ///< of the start: see smooth_row; above its quantisation
   float prior_sigma_px = 0.5F;  ///< of the smoothed start: corrections are drawn to 0 by it
   float step_max_px = 1.F;      ///< a larger correction: not the minimum that was searched for
   float support_min = 0.3F;     ///< share of the window's pixels that have a match

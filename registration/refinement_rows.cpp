@@ -16,6 +16,10 @@ namespace holdfast::registration::refinement {
 namespace {
 
 constexpr std::uint8_t kSaturated = 254;
+/// Resampling correlates neighbours' noise, and windows are not planes: the errors of
+/// reconstructions with known truth have this many times the variance that independent pixels would
+/// give.
+constexpr float kCorrelation = 4;
 
 /// Catmull-Rom through four pixels: value and slope at `t` between the middle two.
 struct Cubic {
@@ -182,11 +186,16 @@ HOLDFAST_INLINE void solve(const Moments& moments, int width, const Limits& limi
     const float left_over = rr - gr * gr / gg;
     const float noise = (left_over > 1 ? left_over : 1) / (n - 2);  // per pixel, 1/64 grey²
     const float information = gg + limits.prior_weight * noise;
+    // Noise has gradients too: they carry nothing and draw the fit towards its start. What is
+    // missed of the start's error by that is part of the variance.
+    const float texture = gg - moments.n[x] * limits.gradient_noise;
+    const float missed = 1 - (texture > 0 ? texture : 0) / information;
     const float correction = gr / information;
-    const bool is_good = moments.n[x] >= limits.n_min && correction <= limits.step_max_px &&
-                         correction >= -limits.step_max_px;
+    const bool is_good = offset_px[x] >= 0 && moments.n[x] >= limits.n_min &&
+                         correction <= limits.step_max_px && correction >= -limits.step_max_px;
     offset_px[x] = is_good ? offset_px[x] + correction : kNan;
-    variance_px2[x] = is_good ? noise / information : kNan;
+    variance_px2[x] =
+        is_good ? kCorrelation * noise / information + missed * missed / limits.prior_weight : kNan;
   }
 }
 
@@ -201,15 +210,16 @@ HOLDFAST_INLINE void offsets(const std::int32_t* offset_256ths, int width, int s
 }
 
 HOLDFAST_INLINE void smooth(const std::int32_t* offset_256ths, const std::int32_t* sum,
-                            const std::int32_t* count, int width, int least, float* out_px) {
+                            const std::int32_t* count, int width, int least, float near_px,
+                            float* out_px) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
-  constexpr float kNear = kNearMean_256ths;
+  const float reach = 256 * near_px;
 #pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     const float n = static_cast<float>(count[x]), own = static_cast<float>(offset_256ths[x]);
     const float mean = static_cast<float>(sum[x]) / (n > 1 ? n : 1);
     const float away = own - mean;
-    const float value = away <= kNear && away >= -kNear ? mean : own;
+    const float value = away <= reach && away >= -reach ? mean : own;
     out_px[x] = offset_256ths[x] >= 0 && count[x] >= least ? value * (1.F / 256) : kNan;
   }
 }
@@ -238,8 +248,8 @@ HOLDFAST_BOTH(add_offsets, offsets,
               (offset_256ths, width, sign, sum, count))
 HOLDFAST_BOTH(smooth_row, smooth,
               (const std::int32_t* offset_256ths, const std::int32_t* sum,
-               const std::int32_t* count, int width, int least, float* out_px),
-              (offset_256ths, sum, count, width, least, out_px))
+               const std::int32_t* count, int width, int least, float near_px, float* out_px),
+              (offset_256ths, sum, count, width, least, near_px, out_px))
 HOLDFAST_BOTH(quantise_row, quantise, (const float* offset_px, int width, std::int32_t* out_256ths),
               (offset_px, width, out_256ths))
 HOLDFAST_BOTH(window_sum, windows,
@@ -286,9 +296,10 @@ void add_offsets(const std::int32_t* offset_256ths, int width, int sign, std::in
 }
 
 void smooth_row(const std::int32_t* offset_256ths, const std::int32_t* sum,
-                const std::int32_t* count, int width, int least, float* out_px, Simd simd) {
+                const std::int32_t* count, int width, int least, float near_px, float* out_px,
+                Simd simd) {
   (simd == Simd::avx2 ? smooth_row_avx2 : smooth_row_scalar)(offset_256ths, sum, count, width,
-                                                             least, out_px);
+                                                             least, near_px, out_px);
 }
 
 void quantise_row(const float* offset_px, int width, std::int32_t* out_256ths, Simd simd) {

@@ -36,17 +36,17 @@ struct Limits {
   float prior_weight;  ///< 1 / prior_sigma²
   float step_max_px;
   float n_min;
+  float gradient_noise;  ///< what noise alone adds to gradient², a pixel
 };
-
-constexpr int kNearMean_256ths = 192;  ///< further from its window's mean: a depth edge
 
 /// sum += sign·offset and count += sign where the offset is known (not negative).
 void add_offsets(const std::int32_t* offset_256ths, int width, int sign, std::int32_t* sum,
                  std::int32_t* count, Simd simd);
-/// The window's mean in px; a pixel's own value where that is far from it; NaN where it is unknown
-/// or has fewer than `least` neighbours.
+/// The window's mean in px; a pixel's own value where that is further than `near_px` from it (a
+/// depth edge); NaN where it is unknown or has fewer than `least` neighbours.
 void smooth_row(const std::int32_t* offset_256ths, const std::int32_t* sum,
-                const std::int32_t* count, int width, int least, float* out_px, Simd simd);
+                const std::int32_t* count, int width, int least, float near_px, float* out_px,
+                Simd simd);
 /// `offset_px` in 1/256 px; -1 where NaN or negative.
 void quantise_row(const float* offset_px, int width, std::int32_t* out_256ths, Simd simd);
 

@@ -35,7 +35,7 @@ struct MatchParameters {
   double census_threshold_sigma = 2;  ///< in standard deviations of the noise
   int margin_min = 8;                 ///< to the second-best candidate, of 255; less: unknown
   int speckle_min_px = 400;   ///< smaller connected pieces (full-resolution pixels) are unknown
-  double sigma_max_px = 0.5;  ///< predicted error; more: unknown
+  double sigma_max_px = 0.8;  ///< predicted error; more: unknown
   RefinementParameters refinement;
 };
 

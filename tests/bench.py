@@ -14,6 +14,7 @@ import tempfile
 # Program, arguments of a full run, arguments of a quick one.
 PROGRAMS = [
     ("holdfast-bench-tracker", [], []),
+    ("holdfast-bench-reconstruct", [], ["--quick"]),
     ("holdfast-bench-dds", [], ["--quick"]),
     ("holdfast-bench-camera", [], ["--seconds", "2"]),
     ("holdfast-bench-loop", ["--seconds", "60", "--load", "2"], ["--seconds", "5"]),

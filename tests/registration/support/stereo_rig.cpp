@@ -42,7 +42,7 @@ registration::ZoomCalibration StereoRig::calibration() const {
   const double half = std::asin(baseline_mm / 2 / distance_mm);
   const cv::Vec3d centre(baseline_mm * std::cos(half), 0, baseline_mm * std::sin(half));
   cv::Matx33d R_;
-  cv::Rodrigues(cv::Vec3d(0.002, 2 * half, 0.003), R_);  // a little roll and pitch besides
+  cv::Rodrigues(cv::Vec3d(pitch_rad, 2 * half, 0.003), R_);  // a little roll and pitch besides
   zoom.R = R_;
   zoom.T = -(R_ * centre);
   return zoom;

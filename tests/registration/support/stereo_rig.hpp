@@ -18,7 +18,8 @@ struct StereoRig {
   cv::Size image_px{400, 320};
   double focal_px = 2000, baseline_mm = 24, distance_mm = 200;
   double distortion_k1 = -0.1;
-  double relief_mm = 3;  ///< amplitude
+  double pitch_rad = 0.002;  ///< of the right camera against the left
+  double relief_mm = 3;      ///< amplitude
 
   bool is_lattice = false;  ///< every dot in its place: repeats along the rows
   double dot_pitch_mm = 1.2, dot_radius_mm = 0.4;

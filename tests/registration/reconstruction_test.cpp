@@ -1,0 +1,220 @@
+// SPDX-License-Identifier: Apache-2.0
+// Raw pairs of an analytic microscope through the whole reconstruction: the surface against the
+// truth, its stated variance, and every refusal.
+#include "registration/reconstruction.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <gtest/gtest.h>
+#include <opencv2/imgproc.hpp>
+
+#include "rt/core/error.hpp"
+#include "tests/registration/support/stereo_rig.hpp"
+
+namespace holdfast::registration {
+namespace {
+
+using Status = ReconstructionStatus;
+using test::StereoRig;
+
+struct Errors {
+  double median_mm = 0, share_above_1mm = 0, ratio_68 = 0;  // ratio: error over predicted sigma
+  std::size_t count = 0;
+};
+
+Errors errors_of(const StereoRig& rig, const Rectification& geometry,
+                 const Reconstruction& result) {
+  std::vector<double> errors, ratios;
+  std::size_t wrong = 0;
+  for (int y = 0; y < result.depth_mm.rows; y += 3)
+    for (int x = 0; x < result.depth_mm.cols; x += 3) {
+      const double depth = static_cast<double>(result.depth_mm(y, x));
+      if (std::isnan(depth)) continue;
+      const double error = std::abs(
+          depth - rig.true_depth_mm(geometry, result.region_px.x + x, result.region_px.y + y));
+      errors.push_back(error);
+      ratios.push_back(error / std::sqrt(static_cast<double>(result.depth_variance_mm2(y, x))));
+      if (error > 1) ++wrong;
+    }
+  if (errors.empty()) return {};
+  const auto quantile = [](std::vector<double>& values, double share) {
+    const auto at =
+        values.begin() + static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size()));
+    std::nth_element(values.begin(), at, values.end());
+    return *at;
+  };
+  const double n = static_cast<double>(errors.size());
+  return {quantile(errors, 0.5), static_cast<double>(wrong) / n, quantile(ratios, 0.68),
+          errors.size()};
+}
+
+Reconstruction reconstruct(const StereoRig& rig, const StereoShot& shot,
+                           const ReconstructionOptions& options = {}) {
+  Reconstructor reconstructor(rig.calibration(), rig.image_px, options);
+  return reconstructor.reconstruct(std::span(&shot, 1));
+}
+
+TEST(Reconstruction, SurfaceIsTheTrueOneAndBetterThanTheBaselines) {
+  const StereoRig rig;
+  const StereoShot shot{rig.left(), rig.right()};
+  ReconstructionOptions baseline;
+  baseline.method = MatchMethod::opencv;
+  const Reconstruction ours = reconstruct(rig, shot), theirs = reconstruct(rig, shot, baseline);
+  ASSERT_EQ(ours.status, Status::done) << ours.evidence;
+  ASSERT_EQ(theirs.status, Status::done) << theirs.evidence;
+  const Rectification geometry = rectification_of(rig.calibration(), rig.image_px);
+  const Errors error = errors_of(rig, geometry, ours),
+               error_opencv = errors_of(rig, geometry, theirs);
+  EXPECT_GT(ours.density, 0.9);
+  EXPECT_LT(error.median_mm, 0.03);  // 1 px of disparity is 0.8 mm here
+  EXPECT_LT(error.share_above_1mm, 0.005);
+  EXPECT_LT(error.median_mm, error_opencv.median_mm / 3);
+}
+
+TEST(Reconstruction, PointsDepthAndDisparityAreOneSurface) {
+  const StereoRig rig;
+  const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()});
+  ASSERT_EQ(result.status, Status::done) << result.evidence;
+  const Rectification geometry = rectification_of(rig.calibration(), rig.image_px);
+  std::size_t known = 0;
+  for (int y = 0; y < result.depth_mm.rows; ++y)
+    for (int x = 0; x < result.depth_mm.cols; ++x) {
+      const float depth = result.depth_mm(y, x);
+      EXPECT_EQ(std::isnan(depth), std::isnan(result.disparity_px(y, x)));
+      if (std::isnan(depth)) {
+        EXPECT_EQ(result.confidence(y, x), 0);
+        continue;
+      }
+      ++known;
+      const cv::Point3d p = geometry.point_mm(result.region_px.x + x, result.region_px.y + y,
+                                              static_cast<double>(result.disparity_px(y, x)));
+      const cv::Vec3f q = result.points_mm(y, x);
+      ASSERT_NEAR(p.x, q[0], 1e-3);
+      ASSERT_NEAR(p.y, q[1], 1e-3);
+      ASSERT_NEAR(p.z, q[2], 2e-3);
+      ASSERT_EQ(q[2], depth);
+    }
+  EXPECT_EQ(known, result.points);
+}
+
+TEST(Reconstruction, RegionIsThatPartOfTheWhole) {
+  const StereoRig rig;
+  ReconstructionOptions options;
+  options.roi_px = cv::Rect(120, 80, 160, 140);
+  const Reconstruction part = reconstruct(rig, {rig.left(), rig.right()}, options);
+  ASSERT_EQ(part.status, Status::done) << part.evidence;
+  EXPECT_NEAR(part.region_px.width, 160, 12);
+  EXPECT_NEAR(part.region_px.height, 140, 12);
+  const Rectification geometry = rectification_of(rig.calibration(), rig.image_px);
+  EXPECT_LT(errors_of(rig, geometry, part).median_mm, 0.04);
+  const cv::Mat1f whole = on_whole_grid(part.depth_mm, part.region_px, rig.image_px, NAN);
+  EXPECT_EQ(whole.size(), rig.image_px);
+  EXPECT_TRUE(std::isnan(whole(0, 0)));
+}
+
+TEST(Reconstruction, DoesNotDependOnTheThreads) {
+  const StereoRig rig;
+  const StereoShot shot{rig.left(), rig.right()};
+  ReconstructionOptions options;
+  options.threads = 1;
+  cv::Mat1f one = reconstruct(rig, shot, options).depth_mm;
+  options.threads = 5;
+  cv::Mat1f five = reconstruct(rig, shot, options).depth_mm;
+  cv::patchNaNs(one, 0);
+  cv::patchNaNs(five, 0);
+  EXPECT_EQ(cv::countNonZero(one != five), 0);
+}
+
+TEST(Reconstruction, BurstOfNoisyShotsIsBetterThanOne) {
+  StereoRig rig;
+  rig.noise_grey = 5;
+  std::vector<StereoShot> shots;
+  for (rig.seed = 10; rig.seed < 14; ++rig.seed) shots.push_back({rig.left(), rig.right()});
+  Reconstructor reconstructor(rig.calibration(), rig.image_px, {});
+  const Reconstruction single = reconstructor.reconstruct(std::span(shots.data(), 1));
+  const Reconstruction burst = reconstructor.reconstruct(shots);
+  ASSERT_EQ(single.status, Status::done) << single.evidence;
+  ASSERT_EQ(burst.status, Status::done) << burst.evidence;
+  const Rectification& geometry = reconstructor.rectification();
+  const Errors one = errors_of(rig, geometry, single), four = errors_of(rig, geometry, burst);
+  EXPECT_LT(four.median_mm, 0.7 * one.median_mm);
+  EXPECT_GE(four.count, one.count);
+}
+
+TEST(Reconstruction, MeshLooksAtTheCameraAndCarriesR1) {
+  const StereoRig rig;
+  const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()});
+  const Rectification geometry = rectification_of(rig.calibration(), rig.image_px);
+  const TriangleMesh mesh = mesh_of(result, geometry, 2);
+  ASSERT_GT(mesh.triangles.size(), 10000U);
+  ASSERT_TRUE(mesh.R_rectified_camera);
+  EXPECT_DOUBLE_EQ((*mesh.R_rectified_camera)(0, 2), geometry.R1(0, 2));
+  std::size_t towards = 0;
+  for (const auto& t : mesh.triangles) {
+    const Eigen::Vector3f a = mesh.vertices_mm[t[0]], b = mesh.vertices_mm[t[1]],
+                          c = mesh.vertices_mm[t[2]];
+    if ((b - a).cross(c - a).dot(a) < 0) ++towards;
+  }
+  EXPECT_EQ(towards, mesh.triangles.size());
+}
+
+void expect_refused(const StereoRig& rig, const StereoShot& shot, Status status) {
+  const Reconstruction result = reconstruct(rig, shot);
+  EXPECT_EQ(name(result.status), name(status)) << result.evidence;
+  EXPECT_FALSE(result.evidence.empty());
+  EXPECT_TRUE(result.points_mm.empty()) << "a refusal hands out no surface";
+}
+
+TEST(ReconstructionRefusal, NamesBlackSaturatedAndUnlit) {
+  const StereoRig rig;
+  const cv::Mat1b good = rig.left(), black(rig.image_px, uchar{2}), white(rig.image_px, uchar{255});
+  expect_refused(rig, {good, black}, Status::too_dark);
+  expect_refused(rig, {white, good}, Status::saturated);
+  StereoRig unlit = rig;
+  unlit.contrast_grey = 0;
+  unlit.texture_grey = 0;
+  unlit.ambient_grey = 80;
+  expect_refused(rig, {unlit.left(), unlit.right()}, Status::no_pattern);
+}
+
+TEST(ReconstructionRefusal, NamesSwappedViews) {
+  const StereoRig rig;
+  expect_refused(rig, {rig.right(), rig.left()}, Status::views_swapped);
+}
+
+TEST(ReconstructionRefusal, NamesAnotherZoom) {
+  StereoRig other;
+  other.focal_px *= 1.09;
+  expect_refused(StereoRig{}, {other.left(), other.right()}, Status::wrong_optics);
+}
+
+TEST(ReconstructionRefusal, NamesAnotherRig) {
+  StereoRig other;
+  other.pitch_rad = 0.0035;
+  expect_refused(StereoRig{}, {other.left(), other.right()}, Status::wrong_optics);
+}
+
+TEST(ReconstructionRefusal, NamesAWrongSize) {
+  const StereoRig rig;
+  const cv::Mat1b good = rig.left();
+  expect_refused(rig, {good, good.rowRange(0, 300).clone()}, Status::wrong_size);
+}
+
+TEST(ReconstructionRefusal, NamesOptionsThatCannotServe) {
+  const StereoRig rig;
+  ReconstructionOptions options;
+  options.roi_px = cv::Rect(300, 0, 200, 100);
+  EXPECT_THROW(Reconstructor(rig.calibration(), rig.image_px, options), InputError);
+  options = {};
+  options.depth_reach_mm = 500;
+  EXPECT_THROW(Reconstructor(rig.calibration(), rig.image_px, options), InputError);
+  ZoomCalibration swapped = rig.calibration();
+  swapped.T = -swapped.T;
+  EXPECT_THROW(Reconstructor(swapped, rig.image_px, {}), InputError);
+}
+
+}  // namespace
+}  // namespace holdfast::registration
