@@ -218,6 +218,8 @@ MatchParameters match_parameters_for(cv::Size image_px) {
   parameters.coarsest_level = pixels < kSmall_px ? 0 : pixels < kLarge_px ? 1 : 2;
   parameters.finest_level = pixels < kLarge_px ? 0 : 1;
   parameters.refinement.radius_px = parameters.finest_level > 0 ? 9 : 4;
+  parameters.margin_min = parameters.finest_level > 0 ? 8 : 3;
+  parameters.sigma_max_px = parameters.finest_level > 0 ? 0.8 : 1.5;
   parameters.refinement.start_near_px = parameters.finest_level > 0 ? 2.5F : 0.75F;
   return parameters;
 }
