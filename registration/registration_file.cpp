@@ -76,6 +76,9 @@ class Reader {
     if (!object_.is_object() || !object_.contains(key)) fail(fmt::format("{} is missing", key));
     return object_.at(key);
   }
+  [[nodiscard]] bool has(const char* key) const {
+    return object_.is_object() && object_.contains(key);
+  }
   [[nodiscard]] double number(const char* key) const { return finite(member(key), key); }
   [[nodiscard]] std::string text(const char* key) const {
     const json& value = member(key);
@@ -146,6 +149,7 @@ Eigen::Isometry3d require_pose(const Eigen::Matrix4d& matrix, const Reader& read
 std::filesystem::path require_file(const Reader& reader, const Reader& seals, const char* key,
                                    const std::filesystem::path& folder) {
   const std::filesystem::path name = reader.text(key);
+  if (name.empty()) return {};
   std::filesystem::path file = name.is_absolute() ? name : folder / name;
   if (sha256(read_file(file, kMaxImageBytes)) != seals.text(key))
     reader.fail(fmt::format("the {} file {} is not the one that was registered (checksum)", key,
@@ -172,6 +176,11 @@ Registration parse(const json& content, const Reader& reader, const std::filesys
     target.covariance_mm2 = target_reader.matrix<3, 3>("covariance_mm2");
     require_covariance<3>(target.covariance_mm2, "covariance_mm2", target_reader);
     registration.tre.push_back(target);
+  }
+  if (reader.has("closest_point")) {
+    const Reader agreement{reader.member("closest_point"), "closest_point"};
+    registration.closest_point = SurfaceAgreement{
+        agreement.number("mean_mm"), agreement.number("rmse_mm"), agreement.number("overlap")};
   }
   const Reader seals{reader.member("files_sha256"), "files_sha256"};
   registration.keyframe = require_file(reader, seals, "keyframe", folder);
@@ -221,7 +230,14 @@ std::string sealed_registration(const Registration& registration,
           {target.p_target_ct_mm.x(), target.p_target_ct_mm.y(), target.p_target_ct_mm.z()}},
          {"rms_mm", target.rms_mm},
          {"covariance_mm2", to_json(target.covariance_mm2)}});
+  if (registration.closest_point)
+    content["closest_point"] = {{"mean_mm", registration.closest_point->mean_mm},
+                                {"rmse_mm", registration.closest_point->rmse_mm},
+                                {"overlap", registration.closest_point->overlap}};
+  content["files_sha256"] = json::object();
   const auto add_file = [&](const char* key, const std::filesystem::path& path) {
+    content[key] = "";
+    if (path.empty()) return;
     const std::filesystem::path file = path.is_absolute() ? path : folder / path;
     content[key] = file.lexically_proximate(folder).string();
     content["files_sha256"][key] = sha256(read_file(file, kMaxImageBytes));

@@ -7,6 +7,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,6 +21,12 @@ struct TargetError {
   Eigen::Matrix3d covariance_mm2 = Eigen::Matrix3d::Zero();
 };
 
+/// How far the reconstructed surface lies from the CT's (mm), over the overlap.
+struct SurfaceAgreement {
+  double mean_mm = 0, rmse_mm = 0;
+  double overlap = 0;  ///< share of the reconstruction that lies on the CT surface, 0..1
+};
+
 struct Registration {
   Eigen::Isometry3d T_camera_ct = Eigen::Isometry3d::Identity();  ///< at the keyframe
   /// tx,ty,tz,rx,ry,rz (mm, rad), fixed camera axes: p_camera = Exp(r)·R·p_ct + t + dt.
@@ -29,9 +36,12 @@ struct Registration {
   double zoom = 0;
   double focus_mm = 0;
   std::string ct_identity;
-  std::filesystem::path keyframe;  ///< image; in the file relative to it
-  std::filesystem::path depth;     ///< 32-bit float TIFF, mm, on the keyframe's undistorted grid
-  std::string checksum;            ///< "sha256:" and 64 hex digits; set by load and save
+  std::optional<SurfaceAgreement> closest_point;
+  /// Image; in the file relative to it. Keyframe and depth may be empty: such a registration is for
+  /// measuring, and a daemon refuses it.
+  std::filesystem::path keyframe;
+  std::filesystem::path depth;  ///< 32-bit float TIFF, mm, on the keyframe's undistorted grid
+  std::string checksum;         ///< "sha256:" and 64 hex digits; set by load and save
   [[nodiscard]] std::uint64_t id() const;  ///< the checksum's first 64 bits
 };
 

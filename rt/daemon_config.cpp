@@ -214,6 +214,10 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   config.calibration = bridge::read_camera_file(calibration_file.string());
   require_same_size(config, root.section("camera").where("calibration"));
   config.registration = registration::load_registration(registration_file);
+  if (config.registration.keyframe.empty() || config.registration.depth.empty())
+    throw InputError(fmt::format("{}: carries no {}: there is nothing to track against",
+                                 registration_file.string(),
+                                 config.registration.keyframe.empty() ? "keyframe" : "depth"));
   config.p_target_ct_mm = target_of(registration, stated_target, config.registration);
   return config;
 }

@@ -12,8 +12,10 @@ int main(int argc, char** argv) {
   app.require_subcommand(1);
   holdfast::rt::add_demo(app);
   holdfast::rt::add_doctor(app);
+  holdfast::rt::add_evaluate(app);
   holdfast::rt::add_fiducials(app);
   holdfast::rt::add_reconstruct(app);
+  holdfast::rt::add_register(app);
   holdfast::rt::add_surface(app);
   holdfast::rt::add_track(app);
   return holdfast::bridge::run_command_line(app, argc, argv);

@@ -9,8 +9,10 @@ namespace holdfast::rt {
 
 void add_demo(CLI::App& app);
 void add_doctor(CLI::App& app);
+void add_evaluate(CLI::App& app);
 void add_fiducials(CLI::App& app);
 void add_reconstruct(CLI::App& app);
+void add_register(CLI::App& app);
 void add_surface(CLI::App& app);
 void add_track(CLI::App& app);
 
