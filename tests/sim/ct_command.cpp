@@ -48,10 +48,12 @@ struct Options {
 };
 
 Phantom make_phantom(const Options& options) {
-  return options.phantom == "ear"       ? make_ear_phantom(options.seed)
-         : options.phantom == "cavity"  ? make_cavity_phantom(options.seed, CavityRealism::bone)
-         : options.phantom == "covered" ? make_cavity_phantom(options.seed, CavityRealism::covered)
-                                        : make_cavity_phantom(options.seed, CavityRealism::bloody);
+  const auto parts = PhantomParts::scan_only;
+  if (options.phantom == "ear") return make_ear_phantom(options.seed, parts);
+  const CavityRealism realism = options.phantom == "cavity"    ? CavityRealism::bone
+                                : options.phantom == "covered" ? CavityRealism::covered
+                                                               : CavityRealism::bloody;
+  return make_cavity_phantom(options.seed, realism, parts);
 }
 
 nlohmann::json array(const Eigen::Vector3d& v) {

@@ -117,11 +117,11 @@ void add_surfaces(Phantom& phantom, const CavityScene& scene, CavityRealism real
 
 }  // namespace
 
-Phantom make_cavity_phantom(std::uint32_t seed, CavityRealism realism) {
+Phantom make_cavity_phantom(std::uint32_t seed, CavityRealism realism, PhantomParts parts) {
   const std::shared_ptr<const CavityScene> scene = draw_scene(seed);
   Phantom phantom;
   phantom.name = "cavity";
-  add_surfaces(phantom, *scene, realism, seed);
+  if (parts == PhantomParts::all) add_surfaces(phantom, *scene, realism, seed);
   const auto in_ct = [&scene](const Vector3d& low, const Vector3d& high) {
     return Eigen::AlignedBox3d(low, high).transformed(scene->T_head_site);
   };

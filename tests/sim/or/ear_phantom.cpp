@@ -164,11 +164,11 @@ Eigen::AlignedBox3d bounds_in_ct(const Isometry3d& T_ct_ear, const Vector3d& low
 
 }  // namespace
 
-Phantom make_ear_phantom(std::uint32_t seed) {
+Phantom make_ear_phantom(std::uint32_t seed, PhantomParts parts) {
   const std::shared_ptr<const EarScene> scene = draw_scene(seed);
   Phantom phantom;
   phantom.name = "ear";
-  add_surfaces(phantom, *scene, seed);
+  if (parts == PhantomParts::all) add_surfaces(phantom, *scene, seed);
   for (const MarkerHolder& holder : scene->holders) phantom.markers.push_back(holder.marker);
   phantom.region_of_interest_mm = bounds_in_ct(scene->T_ct_ear, {-16, -30, 4}, {18, 32, 19});
   phantom.scan_box_mm = bounds_in_ct(scene->T_ct_ear, {-44, -53, -11}, {46, 53, 27});

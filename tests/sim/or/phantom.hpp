@@ -46,8 +46,8 @@ struct TrueMarker {
 
 struct Phantom {
   std::string name;
-  std::vector<LitSurface> surfaces;
-  std::vector<TrueMarker> markers;  ///< empty: the phantom carries none
+  std::vector<LitSurface> surfaces;  ///< empty where only the scan was asked for
+  std::vector<TrueMarker> markers;   ///< empty: the phantom carries none
   /// The region the figures are taken in (paper A, Fig. 3), frame ct.
   Eigen::AlignedBox3d region_of_interest_mm;
   Eigen::AlignedBox3d scan_box_mm;  ///< what a CT scan of it covers, frame ct
@@ -64,14 +64,19 @@ struct Phantom {
   Eigen::Vector3d x_view_ct = Eigen::Vector3d::UnitX();
 };
 
+/// Meshing takes seconds and the CT scanner needs no mesh: `scan_only` leaves the surfaces empty
+/// and everything else as it is.
+enum class PhantomParts { all, scan_only };
+
 /// Paper A's phantom: an external ear, about 90 x 40 mm, with undercuts, and four holders with an
 /// ArUco marker (DICT_4X4_50, ids 0..3) and a bead each. The seed shapes the ear, its looks and the
 /// holders' places; seeds from 1000 on are for evaluation only.
-[[nodiscard]] Phantom make_ear_phantom(std::uint32_t seed);
+[[nodiscard]] Phantom make_ear_phantom(std::uint32_t seed, PhantomParts parts = PhantomParts::all);
 
 /// Paper B's scene: a mastoidectomy cavity with posterior tympanotomy in the temporal bone of the
 /// real head CT of Debian's invesalius-examples. Throws UnavailableError when it is not installed.
 enum class CavityRealism { bone, covered, bloody };
-[[nodiscard]] Phantom make_cavity_phantom(std::uint32_t seed, CavityRealism realism);
+[[nodiscard]] Phantom make_cavity_phantom(std::uint32_t seed, CavityRealism realism,
+                                          PhantomParts parts = PhantomParts::all);
 
 }  // namespace holdfast::sim
