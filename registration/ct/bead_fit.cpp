@@ -61,12 +61,13 @@ class Problem {
   [[nodiscard]] const std::vector<Voxel>& voxels() const { return voxels_; }
   [[nodiscard]] bool is_clipped(double hu) const { return hu >= highest_hu_; }
 
-  [[nodiscard]] double model(const Eigen::VectorXd& x, const Voxel& voxel) const {
+  [[nodiscard]] double model(const Eigen::VectorXd& x, double stretch, double blur_mm,
+                             const Voxel& voxel) const {
     const Eigen::Vector3d d = voxel.p_mm - x.head<3>();
     const double along = d.dot(normal_), across2 = std::max(d.squaredNorm() - along * along, 0.0);
-    const double scaled = along / std::exp(x[kLong]);
+    const double scaled = along / stretch;
     double hu = x[kBackground] + x[kContrast] * blurred_ball(std::sqrt(across2 + scaled * scaled),
-                                                             radius_mm_, std::exp(x[kBlur]));
+                                                             radius_mm_, blur_mm);
     if (x.size() == kWithSide) {
       const double depth = x.segment<3>(kPlane).dot(voxel.p_mm) - x[kOffset];
       hu += x[kStep] * 0.5 * std::erfc(-depth / std::numbers::sqrt2);
@@ -76,9 +77,10 @@ class Problem {
 
   [[nodiscard]] Eigen::VectorXd residuals(const Eigen::VectorXd& x) const {
     Eigen::VectorXd r(static_cast<Eigen::Index>(voxels_.size()));
+    const double stretch = std::exp(x[kLong]), blur_mm = std::exp(x[kBlur]);
     for (Eigen::Index k = 0; k < r.size(); ++k) {
       const Voxel& voxel = voxels_[static_cast<std::size_t>(k)];
-      r[k] = std::max(voxel.hu, -1024.0) - model(x, voxel);
+      r[k] = std::max(voxel.hu, -1024.0) - model(x, stretch, blur_mm, voxel);
     }
     return r;
   }

@@ -16,7 +16,7 @@ namespace {
 // Bright pieces are looked for at each of these levels: a bead of glass in air, of metal in bone.
 constexpr std::array<int, 5> kLevelsHu = {2600, 2000, 1500, 1000, 500};
 constexpr std::size_t kCandidatesMax = 256, kListedMax = 6;
-constexpr double kContrastMinHu = 400, kResidualMax = 0.06, kSphericityMin = 0.5;
+constexpr double kContrastMinHu = 400, kResidualMax = 0.06, kSphericityMin = 0.35;
 constexpr double kContrastShareMin = 0.5;  // of the beads' median: beads are alike
 
 struct Piece {
