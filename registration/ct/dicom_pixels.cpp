@@ -2,9 +2,11 @@
 #include "registration/ct/dicom_pixels.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstring>
 #include <fstream>
-#include <limits>
+#include <stdexcept>
 #include <string_view>
 
 #include <fmt/format.h>
@@ -15,6 +17,7 @@
 #include <gdcmTrace.h>
 
 #include "registration/ct/code_stream.hpp"
+#include "registration/ct/hu_conversion.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -37,27 +40,26 @@ int whole_number(const DicomHeader& header, DicomTag tag, const char* name, doub
   return static_cast<int>((*value)[0]);
 }
 
-std::string read_pixel_bytes(const DicomHeader& header, std::uint64_t count) {
+void read_pixel_bytes(const DicomHeader& header, std::size_t count, char* to) {
   std::ifstream file(header.path, std::ios::binary);
   file.seekg(static_cast<std::streamoff>(header.pixel_offset));
-  std::string bytes(count, '\0');
-  if (!file.read(bytes.data(), static_cast<std::streamsize>(count)))
+  if (!file.read(to, static_cast<std::streamsize>(count)))
     fail(header, fmt::format("its pixel data is truncated: {} of {} bytes",
                              std::max<std::streamsize>(file.gcount(), 0), count));
-  return bytes;
 }
 
-std::string native_pixels(const DicomHeader& header, std::size_t expected) {
+void native_pixels(const DicomHeader& header, std::span<std::int16_t> stored) {
+  const std::size_t expected = stored.size_bytes();
   if (header.pixel_bytes < expected)
     fail(header,
          fmt::format("its pixel data is truncated: {} of {} bytes", header.pixel_bytes, expected));
   if (header.pixel_bytes > expected + 1)
     fail(header, fmt::format("its pixel data is {} bytes, must be {} for its rows and columns",
                              header.pixel_bytes, expected));
-  std::string bytes = read_pixel_bytes(header, expected);
-  if (header.is_big_endian)
-    for (std::size_t k = 0; k + 1 < bytes.size(); k += 2) std::swap(bytes[k], bytes[k + 1]);
-  return bytes;
+  read_pixel_bytes(header, expected, reinterpret_cast<char*>(stored.data()));
+  if (!header.is_big_endian) return;
+  for (std::int16_t& value : stored)
+    value = static_cast<std::int16_t>(__builtin_bswap16(static_cast<std::uint16_t>(value)));
 }
 
 std::uint32_t little32(std::string_view bytes, std::size_t at) {
@@ -68,7 +70,8 @@ std::uint32_t little32(std::string_view bytes, std::size_t at) {
 
 /// The frame's code stream, its fragments joined; the offset table is left out.
 std::string code_stream(const DicomHeader& header) {
-  const std::string bytes = read_pixel_bytes(header, header.pixel_bytes);
+  std::string bytes(header.pixel_bytes, '\0');
+  read_pixel_bytes(header, bytes.size(), bytes.data());
   std::string stream;
   std::size_t at = 0;
   for (int item = 0; at + 8 <= bytes.size(); ++item) {
@@ -184,37 +187,17 @@ PixelLayout pixel_layout(const DicomHeader& header) {
   return layout;
 }
 
-std::vector<std::int16_t> decode_hu(const DicomHeader& header, const PixelLayout& layout,
-                                    bool& has_clipped) {
-  const std::size_t pixels =
-      static_cast<std::size_t>(layout.rows) * static_cast<std::size_t>(layout.columns);
-  const std::string bytes = header.is_encapsulated ? compressed_pixels(header, layout, 2 * pixels)
-                                                   : native_pixels(header, 2 * pixels);
-  // A table over all stored values: one look-up a pixel whatever the layout.
-  static_assert(std::numeric_limits<std::int16_t>::min() == -32768);
-  std::vector<std::int16_t> hu_of(65536);
-  std::vector<bool> is_clipped(65536);
-  const int shift = layout.high_bit + 1 - layout.bits_stored;
-  const int span = 1 << layout.bits_stored;
-  for (int raw = 0; raw < 65536; ++raw) {
-    int stored = (raw >> shift) & (span - 1);
-    if (layout.is_signed && stored >= span / 2) stored -= span;
-    const double hu = std::round(layout.slope * stored + layout.intercept);
-    const auto k = static_cast<std::size_t>(raw);
-    hu_of[k] = static_cast<std::int16_t>(std::clamp(hu, -32768.0, 32767.0));
-    is_clipped[k] = std::abs(hu - hu_of[k]) > 0.5;
+bool decode_hu(const DicomHeader& header, const PixelLayout& layout, std::span<std::int16_t> hu) {
+  static_assert(std::endian::native == std::endian::little, "as pixels are stored");
+  if (hu.size() != static_cast<std::size_t>(layout.rows) * static_cast<std::size_t>(layout.columns))
+    throw std::invalid_argument("decode_hu: room for another number of pixels");
+  if (header.is_encapsulated) {
+    const std::string bytes = compressed_pixels(header, layout, hu.size_bytes());
+    std::memcpy(hu.data(), bytes.data(), hu.size_bytes());
+  } else {
+    native_pixels(header, hu);
   }
-  std::vector<std::int16_t> hu(pixels);
-  bool clipped = false;
-  for (std::size_t k = 0; k < pixels; ++k) {
-    const std::size_t raw = static_cast<unsigned char>(bytes[2 * k]) |
-                            static_cast<std::size_t>(static_cast<unsigned char>(bytes[2 * k + 1]))
-                                << 8U;
-    hu[k] = hu_of[raw];
-    clipped = clipped || is_clipped[raw];
-  }
-  has_clipped = has_clipped || clipped;
-  return hu;
+  return convert_to_hu(layout, hu);
 }
 
 }  // namespace holdfast::registration

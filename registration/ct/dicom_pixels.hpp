@@ -4,8 +4,8 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
-#include <vector>
 
 #include "registration/ct/dicom_header.hpp"
 
@@ -21,11 +21,12 @@ struct PixelLayout {
 /// Checks everything that describes the pixels. Throws RefusedError naming file, attribute, value.
 [[nodiscard]] PixelLayout pixel_layout(const DicomHeader& header);
 
-/// Rounded to 1 HU, clamped to int16; rows * columns numbers. Sets `has_clipped` when a value did
-/// not fit. Throws RefusedError naming the file: truncated or broken pixel data, more or fewer
-/// pixels than rows and columns say, a transfer syntax that is not supported.
-[[nodiscard]] std::vector<std::int16_t> decode_hu(const DicomHeader& header,
-                                                  const PixelLayout& layout, bool& has_clipped);
+/// Fills `hu`, which has rows * columns numbers, with HU, rounded to 1 and clamped to int16.
+/// Returns whether a value did not fit. Throws RefusedError naming the file: truncated or broken
+/// pixel data, more or fewer pixels than rows and columns say, a transfer syntax that is not
+/// supported. Thread-safe.
+[[nodiscard]] bool decode_hu(const DicomHeader& header, const PixelLayout& layout,
+                             std::span<std::int16_t> hu);
 
 /// What the transfer syntax does to the pixels.
 [[nodiscard]] bool is_lossy(const std::string& transfer_syntax);

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
-#include <set>
+#include <span>
 
 #include <Eigen/Geometry>
 #include <fmt/format.h>
@@ -207,10 +207,14 @@ CtIdentity identity_of(const std::vector<DicomHeader>& slices) {
 /// Identical slices at one position are one slice; different ones cannot be resolved.
 void resolve_duplicates(const SliceStack& stack, const std::vector<DicomHeader>& slices,
                         const std::vector<PixelLayout>& layouts, CtVolume& volume) {
+  const auto hu_of = [&](std::size_t k) {
+    std::vector<std::int16_t> hu(static_cast<std::size_t>(layouts[k].rows) *
+                                 static_cast<std::size_t>(layouts[k].columns));
+    (void)decode_hu(slices[k], layouts[k], hu);  // clipping is noted when the volume is decoded
+    return hu;
+  };
   for (const auto& [kept, other] : stack.duplicates) {
-    bool ignored = false;
-    if (decode_hu(slices[kept], layouts[kept], ignored) !=
-        decode_hu(slices[other], layouts[other], ignored))
+    if (hu_of(kept) != hu_of(other))
       throw RefusedError(fmt::format("{} and {}: stand at one position with different pixels",
                                      slices[kept].path, slices[other].path));
     volume.notes.push_back(fmt::format("left out {}: the same slice as {}",
@@ -226,10 +230,8 @@ void decode(const std::vector<DicomHeader>& slices, const std::vector<PixelLayou
   volume.hu.resize(pixels * order.size());
   std::vector<char> has_clipped(order.size());
   for_each_file(order.size(), options.threads, options.progress, [&](std::size_t k) {
-    bool clipped = false;
-    const auto hu = decode_hu(slices[order[k]], layouts[order[k]], clipped);
-    std::copy(hu.begin(), hu.end(), volume.hu.begin() + static_cast<std::ptrdiff_t>(k * pixels));
-    has_clipped[k] = clipped ? 1 : 0;
+    const std::span<std::int16_t> hu(volume.hu.data() + k * pixels, pixels);
+    has_clipped[k] = decode_hu(slices[order[k]], layouts[order[k]], hu) ? 1 : 0;
   });
   const auto clipped = std::count(has_clipped.begin(), has_clipped.end(), 1);
   if (clipped > 0)

@@ -4,18 +4,23 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numeric>
+#include <mutex>
+#include <stdexcept>
 
 #include <fmt/format.h>
 #include <vtkCellArray.h>
+#include <vtkFloatArray.h>
 #include <vtkFlyingEdges3D.h>
 #include <vtkImageData.h>
 #include <vtkNew.h>
 #include <vtkPointData.h>
+#include <vtkPoints.h>
 #include <vtkPolyData.h>
 #include <vtkSMPTools.h>
 #include <vtkShortArray.h>
 
+#include "registration/ct/mesh_cleaning.hpp"
+#include "registration/worker_pool.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -67,72 +72,59 @@ void fill_image(const CtVolume& volume, const IndexBox& box, vtkImageData* image
   image->GetPointData()->SetScalars(values);
 }
 
-template <class Condition>
-void drop_triangles(TriangleMesh& mesh, const Condition& is_dropped) {
-  auto& t = mesh.triangles;
-  t.erase(std::remove_if(t.begin(), t.end(), is_dropped), t.end());
+constexpr std::size_t kChunk = 1U << 15U;
+
+/// Calls work(first, end) for pieces of 0 … count - 1, on the pool's threads.
+template <class Work>
+void in_chunks(WorkerPool& pool, std::size_t count, const Work& work) {
+  pool.run(static_cast<int>((count + kChunk - 1) / kChunk), [&](int chunk) {
+    const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
+    work(first, std::min(first + kChunk, count));
+  });
 }
 
-/// Root of i in a union-find forest, halving the path.
-std::uint32_t root_of(std::vector<std::uint32_t>& parent, std::uint32_t i) {
-  while (parent[i] != i) i = parent[i] = parent[parent[i]];
-  return i;
+void place_vertices(const vtkPolyData& surface, const CtVolume& volume, WorkerPool& pool,
+                    TriangleMesh& mesh) {
+  vtkPoints* points = const_cast<vtkPolyData&>(surface).GetPoints();  // VTK knows no const
+  const auto* indices = vtkFloatArray::SafeDownCast(points->GetData());
+  if (indices == nullptr) throw std::logic_error("VTK's points are not of type float");
+  const float* index = const_cast<vtkFloatArray*>(indices)->GetPointer(0);
+  mesh.vertices_mm.resize(static_cast<std::size_t>(points->GetNumberOfPoints()));
+  in_chunks(pool, mesh.vertices_mm.size(), [&](std::size_t first, std::size_t end) {
+    for (std::size_t i = first; i < end; ++i)
+      mesh.vertices_mm[i] =
+          volume.point_at(Eigen::Map<const Eigen::Vector3f>(index + 3 * i).cast<double>())
+              .cast<float>();
+  });
 }
 
-void keep_largest(TriangleMesh& mesh) {
-  std::vector<std::uint32_t> parent(mesh.vertices_mm.size());
-  std::iota(parent.begin(), parent.end(), 0U);
-  for (const auto& t : mesh.triangles)
-    for (const std::uint32_t other : {t[1], t[2]})
-      parent[root_of(parent, other)] = root_of(parent, t[0]);
-  std::vector<std::size_t> count(parent.size());
-  for (const auto& t : mesh.triangles) ++count[root_of(parent, t[0])];
-  const auto largest =
-      static_cast<std::uint32_t>(std::max_element(count.begin(), count.end()) - count.begin());
-  drop_triangles(mesh, [&](const auto& t) { return root_of(parent, t[0]) != largest; });
-}
-
-void drop_unused_vertices(TriangleMesh& mesh) {
-  std::vector<std::uint32_t> new_index(mesh.vertices_mm.size());
-  for (const auto& t : mesh.triangles)
-    for (const std::uint32_t corner : t) new_index[corner] = 1;
-  std::uint32_t kept = 0;
-  for (std::size_t i = 0; i < new_index.size(); ++i) {
-    if (new_index[i] == 0) continue;
-    mesh.vertices_mm[kept] = mesh.vertices_mm[i];
-    new_index[i] = kept++;
-  }
-  mesh.vertices_mm.resize(kept);
-  for (auto& t : mesh.triangles)
-    for (std::uint32_t& corner : t) corner = new_index[corner];
-}
-
-TriangleMesh to_mesh(vtkPolyData* surface, const CtVolume& volume) {
-  TriangleMesh mesh;
-  const vtkIdType points = surface->GetNumberOfPoints();
-  mesh.vertices_mm.reserve(static_cast<std::size_t>(points));
-  for (vtkIdType i = 0; i < points; ++i) {
-    double index[3];
-    surface->GetPoint(i, index);
-    mesh.vertices_mm.push_back(volume.point_at({index[0], index[1], index[2]}).cast<float>());
-  }
-  const bool is_left_handed = volume.ct_from_index().linear().determinant() < 0;
-  vtkCellArray* cells = surface->GetPolys();
-  mesh.triangles.reserve(static_cast<std::size_t>(cells->GetNumberOfCells()));
-  vtkIdType corners = 0;
-  const vtkIdType* ids = nullptr;
-  for (cells->InitTraversal(); cells->GetNextCell(corners, ids) != 0;) {
-    const auto a = static_cast<std::uint32_t>(ids[0]), b = static_cast<std::uint32_t>(ids[1]),
-               c = static_cast<std::uint32_t>(ids[2]);
-    const auto &pa = mesh.vertices_mm[a], &pb = mesh.vertices_mm[b], &pc = mesh.vertices_mm[c];
-    // A voxel of exactly iso makes edges of no length.
-    if (pa == pb || pb == pc || pc == pa) continue;
-    if (is_left_handed)
-      mesh.triangles.push_back({a, c, b});
-    else
-      mesh.triangles.push_back({a, b, c});
-  }
-  return mesh;
+/// Returns the edges of no length: a voxel of exactly iso makes triangles that have such.
+MeshEdges place_triangles(vtkPolyData& surface, bool is_turned, WorkerPool& pool,
+                          TriangleMesh& mesh) {
+  vtkCellArray* cells = surface.GetPolys();
+  const auto count = static_cast<std::size_t>(cells->GetNumberOfCells());
+  cells->ConvertTo64BitStorage();  // does nothing where it is already
+  if (static_cast<std::size_t>(cells->GetNumberOfConnectivityIds()) != 3 * count)
+    throw std::logic_error("VTK's cells are not triangles");
+  const auto* corners = cells->GetConnectivityArray64()->GetPointer(0);
+  mesh.triangles.resize(count);
+  MeshEdges edges;
+  std::mutex mutex;  // of edges
+  in_chunks(pool, count, [&](std::size_t first, std::size_t end) {
+    MeshEdges found;
+    for (std::size_t i = first; i < end; ++i) {
+      const auto at = [&](std::size_t k) { return static_cast<std::uint32_t>(corners[3 * i + k]); };
+      auto& t = mesh.triangles[i];
+      t = is_turned ? std::array{at(0), at(2), at(1)} : std::array{at(0), at(1), at(2)};
+      for (const auto& [a, b] : {std::pair{t[0], t[1]}, {t[1], t[2]}, {t[2], t[0]}})
+        if (mesh.vertices_mm[a] == mesh.vertices_mm[b]) found.push_back({a, b});
+    }
+    const std::lock_guard lock(mutex);
+    edges.insert(edges.end(), found.begin(), found.end());
+  });
+  // Whatever order the threads came in, the mesh is the same.
+  std::sort(edges.begin(), edges.end());
+  return edges;
 }
 
 }  // namespace
@@ -147,19 +139,18 @@ TriangleMesh isosurface(const CtVolume& volume, const IsosurfaceOptions& options
   filter->ComputeGradientsOff();
   filter->ComputeScalarsOff();
   filter->SetValue(0, options.iso_hu);
+  const int threads = std::max(options.threads, 1);
   vtkSMPTools::SetBackend("STDThread");
-  vtkSMPTools::LocalScope(vtkSMPTools::Config{std::max(options.threads, 1)},
-                          [&] { filter->Update(); });
-  TriangleMesh mesh = to_mesh(filter->GetOutput(), volume);
-  if (options.roi_mm) {
-    const Eigen::AlignedBox3f roi = options.roi_mm->cast<float>();
-    drop_triangles(mesh, [&](const auto& t) {
-      return !std::all_of(t.begin(), t.end(),
-                          [&](auto corner) { return roi.contains(mesh.vertices_mm[corner]); });
-    });
-  }
-  if (options.is_largest_only && !mesh.triangles.empty()) keep_largest(mesh);
-  drop_unused_vertices(mesh);
+  vtkSMPTools::LocalScope(vtkSMPTools::Config{threads}, [&] { filter->Update(); });
+  WorkerPool pool(threads);
+  TriangleMesh mesh;
+  place_vertices(*filter->GetOutput(), volume, pool, mesh);
+  const bool is_left_handed = volume.ct_from_index().linear().determinant() < 0;
+  const MeshEdges edges = place_triangles(*filter->GetOutput(), is_left_handed, pool, mesh);
+  // Dropping such triangles alone would tear the surface open.
+  collapse_edges(edges, mesh);
+  if (options.roi_mm) keep_inside(options.roi_mm->cast<float>(), mesh);
+  if (options.is_largest_only) keep_largest_piece(mesh);
   if (mesh.triangles.empty())
     throw RefusedError(fmt::format("there is no surface at {} HU in the volume{}", options.iso_hu,
                                    options.roi_mm ? "'s ROI" : ""));

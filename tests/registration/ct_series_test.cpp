@@ -1,8 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // Real files, broken bytes, and the handedness of the isosurface. What hospitals mix up:
 // ct_faults_test.py.
+#include <algorithm>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
+#include <numeric>
 #include <random>
 
 #include <Eigen/Geometry>
@@ -11,6 +15,7 @@
 #include "registration/ct/dicom_header.hpp"
 #include "registration/ct/dicom_pixels.hpp"
 #include "registration/ct/dicom_series.hpp"
+#include "registration/ct/hu_conversion.hpp"
 #include "registration/ct/isosurface.hpp"
 #include "rt/core/error.hpp"
 
@@ -38,11 +43,12 @@ TEST(DicomHeader, ReadsRealFilesWithAndWithoutMeta) {
   EXPECT_FALSE(read_dicom_header((samples / "README.txt").string()));
   const auto ct = read_dicom_header((samples / "CT_small.dcm").string());
   ASSERT_TRUE(ct);
-  bool clipped = false;
-  const auto hu = decode_hu(*ct, pixel_layout(*ct), clipped);
-  EXPECT_EQ(hu.size(), 128U * 128U);
+  std::vector<std::int16_t> hu(std::size_t{128} * 128);
+  EXPECT_FALSE(decode_hu(*ct, pixel_layout(*ct), hu));
   EXPECT_EQ(hu[0], 175 - 1024);  // pydicom's pixel_array[0, 0], rescaled
 }
+
+constexpr int kMutants = 60;  // of each file
 
 TEST(DicomHeader, ChangedBytesAreReadOrRefusedNeverWorse) {
   const std::string path = ::testing::TempDir() + "mutated.dcm";
@@ -53,7 +59,7 @@ TEST(DicomHeader, ChangedBytesAreReadOrRefusedNeverWorse) {
         "MR_small_jpeg_ls_lossless.dcm", "MR_small_jp2klossless.dcm"}) {
     const std::string good = bytes_of(samples / name);
     ASSERT_GT(good.size(), 1000U) << name;
-    for (int i = 0; i < 500; ++i) {
+    for (int i = 0; i < kMutants; ++i) {
       std::string bytes = good;
       const std::size_t reach = random() % 2 == 0 ? 2000 : bytes.size();
       for (unsigned k = 0; k <= random() % 4; ++k)
@@ -66,9 +72,9 @@ TEST(DicomHeader, ChangedBytesAreReadOrRefusedNeverWorse) {
         header->text[tag::kSlope] = "1";  // MR has none
         header->text[tag::kIntercept] = "0";
         const PixelLayout layout = pixel_layout(*header);
-        bool clipped = false;
-        const auto hu = decode_hu(*header, layout, clipped);
-        EXPECT_EQ(hu.size(), static_cast<std::size_t>(layout.rows * layout.columns));
+        std::vector<std::int16_t> hu(static_cast<std::size_t>(layout.rows) *
+                                     static_cast<std::size_t>(layout.columns));
+        (void)decode_hu(*header, layout, hu);
         ++read;
       } catch (const Error&) {
         continue;  // refused
@@ -76,7 +82,7 @@ TEST(DicomHeader, ChangedBytesAreReadOrRefusedNeverWorse) {
     }
   }
   fs::remove(path);
-  EXPECT_GT(read, 300);
+  EXPECT_GT(read, kMutants / 2);
 }
 
 CtVolume ball(const Eigen::Vector3d& column, const Eigen::Vector3d& row,
@@ -114,6 +120,52 @@ TEST(Isosurface, LiesInPatientCoordinatesAndPointsOutwardsForEveryHandedness) {
     const TriangleMesh mesh = isosurface(volume, {});
     for (const Eigen::Vector3f& p : mesh.vertices_mm) ASSERT_NEAR(p.norm(), 6, 0.06);
     EXPECT_NEAR(signed_volume(mesh), 4.0 / 3 * M_PI * 216, 15);
+  }
+}
+
+TEST(Isosurface, StaysClosedWhereVoxelsAreExactlyIso) {
+  CtVolume volume = ball({0.5, 0, 0}, {0, 0.6, 0}, {0, 0, 0.6});
+  for (std::int16_t& hu : volume.hu) hu = static_cast<std::int16_t>(hu / 250 * 250);
+  ASSERT_GT(std::count(volume.hu.begin(), volume.hu.end(), 0), 500);
+  const TriangleMesh mesh = isosurface(volume, {});
+  std::map<std::pair<std::uint32_t, std::uint32_t>, int> uses;
+  for (const auto& t : mesh.triangles)
+    for (const auto& [a, b] : {std::pair{t[0], t[1]}, {t[1], t[2]}, {t[2], t[0]}}) {
+      ASSERT_NE(mesh.vertices_mm[a], mesh.vertices_mm[b]);
+      ++uses[std::minmax(a, b)];
+    }
+  EXPECT_GT(uses.size(), 1000U);
+  for (const auto& [edge, count] : uses) ASSERT_EQ(count % 2, 0);
+}
+
+TEST(HuConversion, AgreesWithTheDefinitionForEveryStoredValueAndLayout) {
+  struct Case {
+    int bits_stored, high_bit;
+    bool is_signed;
+    double slope, intercept;
+  };
+  for (const Case& c :
+       {Case{16, 15, false, 1, -1024}, Case{16, 15, true, 1, 0}, Case{12, 11, false, 1, -1024},
+        Case{12, 11, true, 1, 24}, Case{12, 15, true, 2, -1000}, Case{12, 13, false, 0.5, -1024.5},
+        Case{16, 15, true, 1.37, 3}, Case{16, 15, false, 9000, 1e12}}) {
+    const PixelLayout layout{1,          65536,       16,      c.bits_stored,
+                             c.high_bit, c.is_signed, c.slope, c.intercept};
+    std::vector<std::int16_t> values(65536);
+    std::iota(values.begin(), values.end(), std::int16_t{-32768});
+    const std::vector<std::int16_t> raw = values;
+    const bool has_clipped = convert_to_hu(layout, values);
+    bool must_clip = false;
+    for (std::size_t k = 0; k < raw.size(); ++k) {
+      const int span = 1 << c.bits_stored;
+      int stored =
+          static_cast<std::uint16_t>(raw[k]) >> (c.high_bit + 1 - c.bits_stored) & (span - 1);
+      if (c.is_signed && stored >= span / 2) stored -= span;
+      const double hu = std::round(c.slope * stored + c.intercept);
+      const double expected = std::clamp(hu, -32768.0, 32767.0);
+      must_clip = must_clip || hu != expected;
+      ASSERT_EQ(values[k], expected) << stored << " x " << c.slope << " + " << c.intercept;
+    }
+    EXPECT_EQ(has_clipped, must_clip) << c.slope << " " << c.intercept;
   }
 }
 
