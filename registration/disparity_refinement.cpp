@@ -13,10 +13,10 @@
 namespace holdfast::registration {
 namespace {
 
-using namespace refinement;
+using namespace refinement;  // NOLINT(google-build-using-namespace): the loops of this very file
 
 constexpr int kBandRows = 96;
-constexpr float kNear_px = 0.75F;  // of a fitted offset to its neighbours' mean; further: an edge
+constexpr float kNearPx = 0.75F;  // of a fitted offset to its neighbours' mean; further: an edge
 
 int bands_of(int height) {
   return (height + kBandRows - 1) / kBandRows;
@@ -201,7 +201,7 @@ void refine_offsets(std::span<const ShotPair> shots, const cv::Mat1i& offset_256
   cv::Mat1i again;
   for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
     const cv::Mat1i& from = iteration == 0 ? offset_256ths : again;
-    const float near_px = iteration == 0 ? parameters.start_near_px : kNear_px;
+    const float near_px = iteration == 0 ? parameters.start_near_px : kNearPx;
     pool.run(bands, [&](int band) {
       const int start = band * kBandRows, end = std::min(start + kBandRows, from.rows);
       Smoother(from, parameters, simd).band(start, end, near_px, smooth);

@@ -18,7 +18,6 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Status = ReconstructionStatus;
 
-constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr double kDarkestGrey = 12;          // the 99th percentile must be above
 constexpr double kSaturatedShareMax = 0.25;  // of the image
 constexpr double kTexturedShareMin = 0.15;   // of the blocks

@@ -43,7 +43,9 @@ void resample_scalar(const RawView& raw, const RowPath& path, uchar* out, uchar*
       const uchar* p = raw.pixels + static_cast<int>(iv) * raw.stride + static_cast<int>(iu);
       const float a = p[0], b = p[1], c = p[raw.stride], d = p[raw.stride + 1];
       const float above = a + (b - a) * fu, below = c + (d - c) * fu;
-      out[x] = static_cast<uchar>(static_cast<int>(above + (below - above) * fv + 0.5F));
+      // Half is added before the cast, which cuts: the value is never negative.
+      const float rounded = above + (below - above) * fv + 0.5F;
+      out[x] = static_cast<uchar>(static_cast<int>(rounded));
     }
   }
 }

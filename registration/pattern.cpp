@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "registration/pattern.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include <fmt/format.h>
+
+namespace holdfast::registration {
+namespace {
+
+constexpr double kDotMinPx = 2, kDotMaxPx = 16, kDistanceMinPx = 1, kDistanceMaxPx = 10;
+constexpr int kTaps = 4;  // a rim pixel is sampled 4 x 4 times
+
+/// 0..1, the same on every standard library.
+double uniform(std::mt19937_64& random) {
+  return static_cast<double>(random() >> 11U) * 0x1.0p-53;
+}
+
+void draw_disc(cv::Mat& image, double x, double y, double diameter_px) {
+  const double radius = 0.5 * diameter_px;
+  const cv::Rect box =
+      cv::Rect{cv::Point{static_cast<int>(std::floor(x - radius)) - 1,
+                         static_cast<int>(std::floor(y - radius)) - 1},
+               cv::Size{static_cast<int>(diameter_px) + 4, static_cast<int>(diameter_px) + 4}} &
+      cv::Rect{0, 0, image.cols, image.rows};
+  for (int row = box.y; row < box.y + box.height; ++row)
+    for (int column = box.x; column < box.x + box.width; ++column) {
+      int inside = 0;
+      for (int tap = 0; tap < kTaps * kTaps; ++tap) {
+        const double u = column - 0.5 + (tap % kTaps + 0.5) / kTaps - x;
+        const double v = row - 0.5 + (static_cast<double>(tap / kTaps) + 0.5) / kTaps - y;
+        inside += u * u + v * v <= radius * radius ? 1 : 0;
+      }
+      auto& pixel = image.at<std::uint8_t>(row, column);
+      pixel = std::max(pixel, static_cast<std::uint8_t>(255 * inside / (kTaps * kTaps)));
+    }
+}
+
+}  // namespace
+
+std::optional<std::string> invalid_pattern(const PatternParameters& parameters) {
+  const auto outside = [](const char* what, double value, double low,
+                          double high) -> std::optional<std::string> {
+    if (value >= low && value <= high) return {};
+    return fmt::format("{} {}, must be {} to {} px", what, value, low, high);
+  };
+  if (auto bad = outside("dot size", parameters.dot_px, kDotMinPx, kDotMaxPx)) return bad;
+  return outside("dot distance", parameters.distance_px, kDistanceMinPx, kDistanceMaxPx);
+}
+
+cv::Mat make_pattern(const PatternParameters& parameters) {
+  cv::Mat image = cv::Mat::zeros(kPatternHeightPx, kPatternWidthPx, CV_8UC1);
+  std::mt19937_64 random{parameters.seed};
+  const double pitch_px = parameters.dot_px + parameters.distance_px;
+  for (double cell_y = 0.5 * pitch_px; cell_y < kPatternHeightPx; cell_y += pitch_px)
+    for (double cell_x = 0.5 * pitch_px; cell_x < kPatternWidthPx; cell_x += pitch_px) {
+      // Drawn for every cell, so that one cell's fate does not move the others'.
+      const double chance = uniform(random), u = uniform(random), v = uniform(random);
+      double x = cell_x, y = cell_y;
+      if (parameters.kind != PatternKind::lattice && chance >= 0.5) continue;
+      if (parameters.kind == PatternKind::aperiodic) {
+        x += (u - 0.5) * parameters.distance_px;
+        y += (v - 0.5) * parameters.distance_px;
+      } else if (parameters.kind == PatternKind::random) {
+        x = u * kPatternWidthPx;
+        y = v * kPatternHeightPx;
+      }
+      draw_disc(image, x, y, parameters.dot_px);
+    }
+  return image;
+}
+
+}  // namespace holdfast::registration
