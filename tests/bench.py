@@ -15,6 +15,7 @@ import tempfile
 PROGRAMS = [
     ("holdfast-bench-tracker", [], []),
     ("holdfast-bench-reconstruct", [], ["--quick"]),
+    ("holdfast-bench-ct", [], ["--quick"]),
     ("holdfast-bench-dds", [], ["--quick"]),
     ("holdfast-bench-camera", [], ["--seconds", "2"]),
     ("holdfast-bench-loop", ["--seconds", "60", "--load", "2"], ["--seconds", "5"]),
