@@ -16,6 +16,7 @@ PROGRAMS = [
     ("holdfast-bench-tracker", [], []),
     ("holdfast-bench-reconstruct", [], ["--quick"]),
     ("holdfast-bench-ct", [], ["--quick"]),
+    ("holdfast-bench-render", [], ["--runs", "3"]),
     ("holdfast-bench-dds", [], ["--quick"]),
     ("holdfast-bench-camera", [], ["--seconds", "2"]),
     ("holdfast-bench-loop", ["--seconds", "60", "--load", "2"], ["--seconds", "5"]),

@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: Apache-2.0
+// How long the virtual microscope takes to render: the scene is built and its OR light worked out
+// beforehand, nothing is encoded or written. Beside the time that passed, the processor time spent
+// over two: what two idle cores would take, whatever else the machine is doing meanwhile.
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <sys/resource.h>
+
+#include "bridge/atomic_file.hpp"
+#include "rt/core/error.hpp"
+#include "tests/sim/or/room.hpp"
+
+namespace {
+
+using namespace holdfast;
+using namespace holdfast::sim;
+using nlohmann::json;
+
+double processor_ms() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto ms = [](const timeval& t) {
+    return 1e3 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_usec);
+  };
+  return ms(usage.ru_utime) + ms(usage.ru_stime);
+}
+
+struct Timing {
+  std::vector<double> passed_ms, processor_ms;
+};
+
+Timing timed(int runs, const std::function<void(int)>& render) {
+  using Clock = std::chrono::steady_clock;
+  render(0);  // light, tables and buffers
+  Timing timing;
+  for (int i = 1; i <= runs; ++i) {
+    const double spent = processor_ms();
+    const auto start = Clock::now();
+    render(i);
+    timing.passed_ms.push_back(
+        std::chrono::duration<double, std::milli>(Clock::now() - start).count());
+    timing.processor_ms.push_back(processor_ms() - spent);
+  }
+  return timing;
+}
+
+double percentile(std::vector<double> values, double share) {
+  std::sort(values.begin(), values.end());
+  return values[static_cast<std::size_t>(
+      std::lround(share * static_cast<double>(values.size() - 1)))];
+}
+
+void add(json& figures, const std::string& name, Timing timing) {
+  for (double& ms : timing.processor_ms) ms /= 2;
+  const std::pair<const char*, const std::vector<double>*> kinds[] = {
+      {"", &timing.passed_ms}, {"_processor_time_over_2", &timing.processor_ms}};
+  for (const auto& [kind, values] : kinds) {
+    figures.push_back({{"name", name + kind},
+                       {"median", percentile(*values, 0.5)},
+                       {"p99", percentile(*values, 0.99)},
+                       {"unit", "ms"}});
+    fmt::print("{:<62} median {:8.1f} ms  p99 {:8.1f} ms\n", name + kind, percentile(*values, 0.5),
+               percentile(*values, 0.99));
+  }
+}
+
+// A phantom under the microscope at a pose and with lights as a configuration has them.
+class Room {
+ public:
+  explicit Room(const RoomConfig& config)
+      : phantom_(make_phantom(config)), renderer_(phantom_.surfaces, phantom_.n_view_ct) {
+    const Microscope microscope(config.optics);
+    shot_.optics = microscope.at(config.zoom, config.visit);
+    shot_.projector = make_projector(config.optics.seed, microscope.focus_mm());
+    shot_.lights = lights_of(config, shot_.projector);
+    shot_.T_ct_head = head_poses(config, phantom_, microscope.focus_mm()).front();
+  }
+  void read_out(const cv::Rect& region) { shot_.region = region; }
+  void render_left(int i) {
+    shot_.seed = static_cast<std::uint32_t>(i);
+    (void)renderer_.image(shot_, Side::left);
+  }
+  void render_pair(int i) {
+    render_left(i);
+    (void)renderer_.image(shot_, Side::right);
+  }
+
+ private:
+  Phantom phantom_;
+  Renderer renderer_;
+  RoomShot shot_;
+};
+
+json measure(int runs) {
+  json figures = json::array();
+  RoomConfig config;
+  {
+    Room room(config);
+    add(figures, "render_stereo_pair_ear", timed(runs, [&](int i) { room.render_pair(i); }));
+  }
+  config.pattern = "diffractive";
+  config.lights.microscope_light = 0;
+  {
+    Room room(config);
+    add(figures, "render_stereo_pair_ear_pattern",
+        timed(runs, [&](int i) { room.render_pair(i); }));
+  }
+  config = {};
+  config.phantom = "cavity_bone";
+  Room room(config);
+  add(figures, "render_stereo_pair_cavity", timed(runs, [&](int i) { room.render_pair(i); }));
+  room.read_out({(kSensorWidthPx - 1920) / 2, (kSensorHeightPx - 1080) / 2, 1920, 1080});
+  add(figures, "render_1080p_frame_cavity", timed(runs, [&](int i) { room.render_left(i); }));
+  return figures;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app("Times the virtual microscope's renderer.", "holdfast-bench-render");
+  std::string file;
+  int runs = 15;
+  app.add_option("--json", file, "write the figures to this file");
+  app.add_option("--runs", runs, "of each kind of picture")->check(CLI::Range(1, 1000));
+  CLI11_PARSE(app, argc, argv);
+  try {
+    const json figures = measure(runs);
+    if (!file.empty()) bridge::write_file_atomically(file, figures.dump(1) + "\n");
+  } catch (const Error& error) {
+    fmt::print(stderr, "holdfast-bench-render: {}\n", error.what());
+    return 2;
+  }
+  return 0;
+}
