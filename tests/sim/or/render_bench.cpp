@@ -100,20 +100,21 @@ class Room {
   RoomShot shot_;
 };
 
-json measure(int runs) {
+json measure(int runs, const std::string& only) {
   json figures = json::array();
   RoomConfig config;
-  {
+  if (only != "cavity") {
     Room room(config);
     add(figures, "render_stereo_pair_ear", timed(runs, [&](int i) { room.render_pair(i); }));
   }
   config.pattern = "diffractive";
   config.lights.microscope_light = 0;
-  {
+  if (only != "cavity") {
     Room room(config);
     add(figures, "render_stereo_pair_ear_pattern",
         timed(runs, [&](int i) { room.render_pair(i); }));
   }
+  if (only == "ear") return figures;
   config = {};
   config.phantom = "cavity_bone";
   Room room(config);
@@ -128,12 +129,15 @@ json measure(int runs) {
 int main(int argc, char** argv) {
   CLI::App app("Times the virtual microscope's renderer.", "holdfast-bench-render");
   std::string file;
+  std::string only;
   int runs = 15;
   app.add_option("--json", file, "write the figures to this file");
   app.add_option("--runs", runs, "of each kind of picture")->check(CLI::Range(1, 1000));
+  app.add_option("--only", only, "one of the two phantoms")
+      ->check(CLI::IsMember({"ear", "cavity"}));
   CLI11_PARSE(app, argc, argv);
   try {
-    const json figures = measure(runs);
+    const json figures = measure(runs, only);
     if (!file.empty()) bridge::write_file_atomically(file, figures.dump(1) + "\n");
   } catch (const Error& error) {
     fmt::print(stderr, "holdfast-bench-render: {}\n", error.what());

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <random>
+#include <vector>
 
 #include <opencv2/imgproc.hpp>
 #include <tbb/parallel_for.h>
@@ -98,13 +98,37 @@ void combine(Buffers& b) {
   });
 }
 
-bool is_edge(const Buffers& b, int x, int y) {
-  const auto differs = [&](int u, int v) {
-    return b.surface(v, u) != b.surface(y, x) ||
-           std::abs(b.depth(v, u) - b.depth(y, x)) > kDepthJumpMm;
-  };
-  return (x > 0 && differs(x - 1, y)) || (x + 1 < b.base.cols && differs(x + 1, y)) ||
-         (y > 0 && differs(x, y - 1)) || (y + 1 < b.base.rows && differs(x, y + 1));
+// A surface ends between two pixels where another begins, or where the depth jumps by more than
+// its slope on either side explains: steep is not torn.
+bool is_torn(float before, float here, float next, float beyond) {
+  const float step = next - here;
+  return std::abs(step) > kDepthJumpMm && std::abs(step - (here - before)) > kDepthJumpMm &&
+         std::abs(step - (beyond - next)) > kDepthJumpMm;
+}
+
+// Marks both pixels of every such pair; `is_edge` is all zeros and one row.
+void find_edges(const Buffers& b, int y, std::uint8_t* is_edge) {
+  const int last = b.base.cols - 1, bottom = b.base.rows - 1;
+  const std::int16_t* surface = b.surface[y];
+  const float* depth = b.depth[y];
+  for (int x = 0; x < last; ++x) {
+    const bool ends =
+        surface[x] != surface[x + 1] ||
+        is_torn(depth[std::max(x - 1, 0)], depth[x], depth[x + 1], depth[std::min(x + 2, last)]);
+    is_edge[x] = static_cast<std::uint8_t>(is_edge[x] | static_cast<std::uint8_t>(ends));
+    is_edge[x + 1] = static_cast<std::uint8_t>(ends);
+  }
+  for (const int way : {-1, 1}) {
+    const auto row = [&](int i) { return std::clamp(y + way * i, 0, bottom); };
+    if (row(1) == y) continue;
+    const std::int16_t* next_surface = b.surface[row(1)];
+    const float *before = b.depth[row(-1)], *next = b.depth[row(1)], *beyond = b.depth[row(2)];
+    for (int x = 0; x <= last; ++x) {
+      const bool ends =
+          surface[x] != next_surface[x] || is_torn(before[x], depth[x], next[x], beyond[x]);
+      is_edge[x] = static_cast<std::uint8_t>(is_edge[x] | static_cast<std::uint8_t>(ends));
+    }
+  }
 }
 
 // Where surfaces end inside a pixel: sixteen samples of it.
@@ -114,8 +138,11 @@ void refine_edges(const kernel::Frame& frame, const cv::Rect& region, Buffers& b
     alignas(64) float x[kLanes], y[kLanes];
     alignas(64) int source[kLanes];
     Samples s;
+    thread_local std::vector<std::uint8_t> is_edge;
+    is_edge.assign(static_cast<std::size_t>(region.width), 0);
+    find_edges(b, py, is_edge.data());
     for (int px = 0; px < region.width; ++px) {
-      if (!is_edge(b, px, py)) continue;
+      if (is_edge[static_cast<std::size_t>(px)] == 0) continue;
       for (int i = 0; i < kLanes; ++i) {
         x[i] = static_cast<float>(region.x + px) + (static_cast<float>(i % kBlock) - 1.5F) / kBlock;
         y[i] = static_cast<float>(region.y + py) + (static_cast<float>(i / kBlock) - 1.5F) / kBlock;

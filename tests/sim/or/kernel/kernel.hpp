@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The inner loops of the renderer, over sixteen samples at a time. Compiled twice, for machines
-// with and without AVX2, and chosen at run time: plain data only, nothing of the standard library
-// or Eigen, whose layout or inline code would depend on the instruction set.
+// The inner loops of the renderer, over sixteen samples at a time. Compiled three times, for
+// machines with AVX-512, with AVX2 and with neither, and chosen at run time: plain data only,
+// nothing of the standard library or Eigen, whose layout or inline code would depend on the
+// instruction set.
 #pragma once
 
 #include <cstdint>
@@ -80,8 +81,8 @@ struct alignas(64) Samples {
 };
 
 struct Kernel {
-  /// Samples at pixels (x, y); `source_sample` is the point of each light's disc, `footprint` the
-  /// side in px over which prints are averaged.
+  /// Samples at pixels (x, y), not further apart than 4 px; `source_sample` is the point of each
+  /// light's disc, `footprint` the side in px over which prints are averaged.
   void (*trace)(const Frame&, const float* x, const float* y, const int* source_sample,
                 float footprint, Samples&);
   /// out[i] = sum_k weights[k + radius] * rows[k + radius][i]

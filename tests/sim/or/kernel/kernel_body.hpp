@@ -33,33 +33,37 @@ inline float clamp(float v, float lo, float hi) {
 
 // ---- camera
 
-// Slope of pixel (x, y), and what a pixel to the right and one down change about it.
-struct Slope {
-  float mx, my, shift, dx_mx, dx_my, dy_mx, dy_my;
+// Slopes of the samples, and what a pixel to the right and one down change about them.
+struct alignas(64) Slopes {
+  float mx[kLanes], my[kLanes], shift[kLanes];
+  float dx_mx, dx_my, dy_mx, dy_my;
 };
 
-inline Slope slope_at(const SightGrid& grid, float x, float y) {
-  const float gx = (x - static_cast<float>(grid.x0_px)) / static_cast<float>(grid.step_px);
-  const float gy = (y - static_cast<float>(grid.y0_px)) / static_cast<float>(grid.step_px);
-  const int ix = static_cast<int>(clamp(gx, 0, static_cast<float>(grid.columns) - 1.001F));
-  const int iy = static_cast<int>(clamp(gy, 0, static_cast<float>(grid.rows) - 1.001F));
-  const float fx = gx - static_cast<float>(ix), fy = gy - static_cast<float>(iy);
+// A packet is small against the grid's step: the cell of its middle serves all of it.
+inline void slopes_at(const SightGrid& grid, const float* x, const float* y, Slopes& out) {
+  const float per_px = 1.F / static_cast<float>(grid.step_px);
+  const float x0 = static_cast<float>(grid.x0_px), y0 = static_cast<float>(grid.y0_px);
+  const float middle_x = (0.5F * (x[0] + x[kLanes - 1]) - x0) * per_px;
+  const float middle_y = (0.5F * (y[0] + y[kLanes - 1]) - y0) * per_px;
+  const int ix = static_cast<int>(clamp(middle_x, 0, static_cast<float>(grid.columns) - 1.001F));
+  const int iy = static_cast<int>(clamp(middle_y, 0, static_cast<float>(grid.rows) - 1.001F));
   const float* a = grid.slopes + 3 * (iy * grid.columns + ix);
   const float* b = a + 3 * grid.columns;
-  const float per_px = 1.F / static_cast<float>(grid.step_px);
-  Slope s;
-  const auto mix = [&](int i) {
-    const float top = a[i] + fx * (a[i + 3] - a[i]), bottom = b[i] + fx * (b[i + 3] - b[i]);
-    return top + fy * (bottom - top);
-  };
-  s.mx = mix(0);
-  s.my = mix(1);
-  s.shift = mix(2);
-  s.dx_mx = (a[3] - a[0]) * per_px;
-  s.dx_my = (a[4] - a[1]) * per_px;
-  s.dy_mx = (b[0] - a[0]) * per_px;
-  s.dy_my = (b[1] - a[1]) * per_px;
-  return s;
+  float* const rows[3] = {out.mx, out.my, out.shift};
+  for (int k = 0; k < 3; ++k) {
+    const float corner = a[k], along = a[k + 3] - a[k], down = b[k] - a[k];
+    const float twist = b[k + 3] - b[k] - along;
+    float* row = rows[k];
+    for (int i = 0; i < kLanes; ++i) {
+      const float fx = (x[i] - x0) * per_px - static_cast<float>(ix);
+      const float fy = (y[i] - y0) * per_px - static_cast<float>(iy);
+      row[i] = corner + fx * along + fy * (down + fx * twist);
+    }
+  }
+  out.dx_mx = (a[3] - a[0]) * per_px;
+  out.dx_my = (a[4] - a[1]) * per_px;
+  out.dy_mx = (b[0] - a[0]) * per_px;
+  out.dy_my = (b[1] - a[1]) * per_px;
 }
 
 // ---- albedo
@@ -68,27 +72,37 @@ inline float fade(float t) {
   return t * t * t * (t * (t * 6 - 15) + 10);
 }
 
+inline float lerp(float a, float b, float t) {
+  return a + t * (b - a);
+}
+
 inline float lattice(const float* table, float x, float y, float z) {
   constexpr int kMask = kTableSize - 1;
   const float fx = std::floor(x), fy = std::floor(y), fz = std::floor(z);
-  const int ix = static_cast<int>(fx) & kMask, iy = static_cast<int>(fy) & kMask,
-            iz = static_cast<int>(fz) & kMask;
-  const int jx = (ix + 1) & kMask, jy = (iy + 1) & kMask, jz = (iz + 1) & kMask;
+  const int ix = static_cast<int>(fx) & kMask, iy = (static_cast<int>(fy) & kMask) * kTableSize,
+            iz = (static_cast<int>(fz) & kMask) * kTableSize * kTableSize;
+  const int jx = (ix + 1) & kMask, jy = (iy + kTableSize) & (kMask * kTableSize),
+            jz = (iz + kTableSize * kTableSize) & (kMask * kTableSize * kTableSize);
   const float u = fade(x - fx), v = fade(y - fy), w = fade(z - fz);
-  const auto at = [&](int i, int j, int k) { return table[(k * kTableSize + j) * kTableSize + i]; };
-  const auto lerp = [](float a, float b, float t) { return a + t * (b - a); };
-  return lerp(
-      lerp(lerp(at(ix, iy, iz), at(jx, iy, iz), u), lerp(at(ix, jy, iz), at(jx, jy, iz), u), v),
-      lerp(lerp(at(ix, iy, jz), at(jx, iy, jz), u), lerp(at(ix, jy, jz), at(jx, jy, jz), u), v), w);
+  const float near = lerp(lerp(table[iz + iy + ix], table[iz + iy + jx], u),
+                          lerp(table[iz + jy + ix], table[iz + jy + jx], u), v);
+  const float far = lerp(lerp(table[jz + iy + ix], table[jz + iy + jx], u),
+                         lerp(table[jz + jy + ix], table[jz + jy + jx], u), v);
+  return lerp(near, far, w);
 }
 
 // Two octaves, the second turned so that their lattices do not coincide.
-inline float texture(const float* table, float x, float y, float z) {
-  const float coarse = lattice(table, x, y, z);
-  const float u = 1.36F * x + 1.28F * y + 0.96F * z + 11.3F;
-  const float v = -1.6F * x + 1.36F * y + 0.4F * z + 5.7F;
-  const float w = -0.4F * x - 0.96F * y + 1.84F * z + 17.1F;
-  return 0.8F * coarse + 0.6F * lattice(table, u, v, w);
+void texture(const float* table, const Lanes3& p, const float* per_mm, const float* contrast,
+             float* factor) {
+  for (int i = 0; i < kLanes; ++i) {
+    const float x = per_mm[i] * p.x[i], y = per_mm[i] * p.y[i], z = per_mm[i] * p.z[i];
+    const float u = 1.36F * x + 1.28F * y + 0.96F * z + 11.3F;
+    const float v = -1.6F * x + 1.36F * y + 0.4F * z + 5.7F;
+    const float w = -0.4F * x - 0.96F * y + 1.84F * z + 17.1F;
+    const float f =
+        1 + contrast[i] * (0.8F * lattice(table, x, y, z) + 0.6F * lattice(table, u, v, w));
+    factor[i] = f < 0.05F ? 0.05F : f > 3 ? 3 : f;
+  }
 }
 
 // Bilinear, with values at texel centres; the image goes on as its border does.
@@ -240,19 +254,20 @@ float pattern_at(const Projector& projector, Vec3 p) {
 struct alignas(64) Hits {
   Lanes3 p, n, v;  // point, shading normal, direction to the camera
   float visible[kLanes], nir[kLanes], ambient[kLanes], specular[kLanes], roughness[kLanes];
+  float texture_per_mm[kLanes], texture_contrast[kLanes];
 };
 
-void primary(const Frame& frame, const Slope* slopes, RTCRayHit16& ray) {
+void primary(const Frame& frame, const Slopes& slopes, RTCRayHit16& ray) {
   alignas(64) int valid[kLanes];
   for (int i = 0; i < kLanes; ++i) {
-    const Slope& s = slopes[i];
+    const float mx = slopes.mx[i], my = slopes.my[i], shift = slopes.shift[i];
     valid[i] = -1;
-    ray.ray.org_x[i] = frame.pupil.x + s.shift * frame.axis_z.x;
-    ray.ray.org_y[i] = frame.pupil.y + s.shift * frame.axis_z.y;
-    ray.ray.org_z[i] = frame.pupil.z + s.shift * frame.axis_z.z;
-    ray.ray.dir_x[i] = s.mx * frame.axis_x.x + s.my * frame.axis_y.x + frame.axis_z.x;
-    ray.ray.dir_y[i] = s.mx * frame.axis_x.y + s.my * frame.axis_y.y + frame.axis_z.y;
-    ray.ray.dir_z[i] = s.mx * frame.axis_x.z + s.my * frame.axis_y.z + frame.axis_z.z;
+    ray.ray.org_x[i] = frame.pupil.x + shift * frame.axis_z.x;
+    ray.ray.org_y[i] = frame.pupil.y + shift * frame.axis_z.y;
+    ray.ray.org_z[i] = frame.pupil.z + shift * frame.axis_z.z;
+    ray.ray.dir_x[i] = mx * frame.axis_x.x + my * frame.axis_y.x + frame.axis_z.x;
+    ray.ray.dir_y[i] = mx * frame.axis_x.y + my * frame.axis_y.y + frame.axis_z.y;
+    ray.ray.dir_z[i] = mx * frame.axis_x.z + my * frame.axis_y.z + frame.axis_z.z;
     ray.ray.tnear[i] = 1;
     ray.ray.tfar[i] = 2000;
     ray.ray.time[i] = 0;
@@ -277,44 +292,62 @@ Vec3 plane_step(const Frame& frame, float dmx, float dmy, float t, Vec3 directio
   return {change.x - k * direction.x, change.y - k * direction.y, change.z - k * direction.z};
 }
 
-// Everything of lane i's surface.
-void look_up(const Frame& frame, const RTCRayHit16& ray, const Slope& slope, int i, float footprint,
-             Hits& hits) {
+// What lane i's surface and triangle hold: the rest is worked out for all lanes at once.
+void look_up(const Frame& frame, const RTCRayHit16& ray, const Slopes& slopes, int i,
+             float footprint, Hits& hits) {
   const Surface& s = frame.surfaces[ray.hit.geomID[i]];
   const std::uint32_t* triangle = s.triangles + 3 * static_cast<std::size_t>(ray.hit.primID[i]);
   const float u = ray.hit.u[i], v = ray.hit.v[i], w = 1 - u - v;
   const Vec3 a = s.normals[triangle[0]], b = s.normals[triangle[1]], c = s.normals[triangle[2]];
-  const Vec3 d{ray.ray.dir_x[i], ray.ray.dir_y[i], ray.ray.dir_z[i]};
-  const Vec3 flat{ray.hit.Ng_x[i], ray.hit.Ng_y[i], ray.hit.Ng_z[i]};
-  Vec3 n{w * a.x + u * b.x + v * c.x, w * a.y + u * b.y + v * c.y, w * a.z + u * b.z + v * c.z};
-  const float scale = 1.F / std::sqrt(dot(n, n) + 1e-20F);
-  const float sign = dot(n, d) > 0 && dot(flat, flat) > 0 ? -scale : scale;  // seen from behind
-  hits.n.x[i] = sign * n.x;
-  hits.n.y[i] = sign * n.y;
-  hits.n.z[i] = sign * n.z;
+  hits.n.x[i] = w * a.x + u * b.x + v * c.x;
+  hits.n.y[i] = w * a.y + u * b.y + v * c.y;
+  hits.n.z[i] = w * a.z + u * b.z + v * c.z;
   hits.ambient[i] = w * s.or_irradiance[triangle[0]] + u * s.or_irradiance[triangle[1]] +
                     v * s.or_irradiance[triangle[2]];
-  float factor = 1;
-  if (s.texture_contrast > 0) {
-    const float m = s.texture_per_mm;
-    factor += s.texture_contrast *
-              texture(frame.table, m * hits.p.x[i], m * hits.p.y[i], m * hits.p.z[i]);
-    factor = clamp(factor, 0.05F, 3);
+  hits.texture_per_mm[i] = s.texture_per_mm;
+  hits.texture_contrast[i] = s.texture_contrast;
+  float print = 1;
+  if (s.uv != nullptr && s.print.data != nullptr) {
+    const Vec3 d{ray.ray.dir_x[i], ray.ray.dir_y[i], ray.ray.dir_z[i]};
+    const Vec3 flat{ray.hit.Ng_x[i], ray.hit.Ng_y[i], ray.hit.Ng_z[i]};
+    const float t = ray.ray.tfar[i];
+    print = printed(s, triangle, u, v, plane_step(frame, slopes.dx_mx, slopes.dx_my, t, d, flat),
+                    plane_step(frame, slopes.dy_mx, slopes.dy_my, t, d, flat), footprint);
   }
-  if (s.uv != nullptr && s.print.data != nullptr)
-    factor *= printed(
-        s, triangle, u, v, plane_step(frame, slope.dx_mx, slope.dx_my, ray.ray.tfar[i], d, flat),
-        plane_step(frame, slope.dy_mx, slope.dy_my, ray.ray.tfar[i], d, flat), footprint);
-  hits.visible[i] = s.albedo_visible * factor;
-  hits.nir[i] = s.albedo_nir * factor;
+  hits.visible[i] = s.albedo_visible * print;
+  hits.nir[i] = s.albedo_nir * print;
   hits.specular[i] = s.specular;
   hits.roughness[i] = s.roughness;
+}
+
+// Unit normals on the camera's side; albedos with their texture.
+void finish(const Frame& frame, Hits& hits) {
+  for (int i = 0; i < kLanes; ++i) {
+    const float x = hits.n.x[i], y = hits.n.y[i], z = hits.n.z[i];
+    const float scale = 1.F / std::sqrt(x * x + y * y + z * z + 1e-20F);
+    const float facing = x * hits.v.x[i] + y * hits.v.y[i] + z * hits.v.z[i];
+    const float sign = facing < 0 ? -scale : scale;
+    hits.n.x[i] = sign * x;
+    hits.n.y[i] = sign * y;
+    hits.n.z[i] = sign * z;
+  }
+  float most = 0;
+  for (int i = 0; i < kLanes; ++i)
+    most = hits.texture_contrast[i] > most ? hits.texture_contrast[i] : most;
+  if (!(most > 0)) return;
+  alignas(64) float factor[kLanes];
+  texture(frame.table, hits.p, hits.texture_per_mm, hits.texture_contrast, factor);
+  for (int i = 0; i < kLanes; ++i) {
+    hits.visible[i] *= factor[i];
+    hits.nir[i] *= factor[i];
+  }
 }
 
 void clear_lane(Hits& hits, int i) {
   hits.n.x[i] = hits.n.y[i] = 0;
   hits.n.z[i] = 1;
   hits.visible[i] = hits.nir[i] = hits.ambient[i] = hits.specular[i] = 0;
+  hits.texture_per_mm[i] = hits.texture_contrast[i] = 0;
   hits.roughness[i] = 1;
 }
 
@@ -322,8 +355,8 @@ void clear_lane(Hits& hits, int i) {
 
 void trace(const Frame& frame, const float* x, const float* y, const int* source_sample,
            float footprint, Samples& out) {
-  Slope slopes[kLanes];
-  for (int i = 0; i < kLanes; ++i) slopes[i] = slope_at(frame.sight, x[i], y[i]);
+  Slopes slopes;
+  slopes_at(frame.sight, x, y, slopes);
   RTCRayHit16 ray;
   primary(frame, slopes, ray);
   Hits hits;
@@ -340,15 +373,16 @@ void trace(const Frame& frame, const float* x, const float* y, const int* source
     hits.v.x[i] = -ray.ray.dir_x[i] * length;
     hits.v.y[i] = -ray.ray.dir_y[i] * length;
     hits.v.z[i] = -ray.ray.dir_z[i] * length;
-    out.depth[i] = is_hit[i] != 0 ? t + slopes[i].shift : 0;
+    out.depth[i] = is_hit[i] != 0 ? t + slopes.shift[i] : 0;
     out.surface[i] = is_hit[i] != 0 ? static_cast<int>(ray.hit.geomID[i]) : -1;
   }
   for (int i = 0; i < kLanes; ++i) {
     if (is_hit[i] != 0)
-      look_up(frame, ray, slopes[i], i, footprint, hits);
+      look_up(frame, ray, slopes, i, footprint, hits);
     else
       clear_lane(hits, i);
   }
+  finish(frame, hits);
   for (int i = 0; i < kLanes; ++i) {
     out.base[i] = hits.visible[i] * hits.ambient[i] * frame.or_light;
     out.microscope[i] = out.nir_irradiance[i] = 0;
