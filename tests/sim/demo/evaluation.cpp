@@ -2,7 +2,9 @@
 #include "tests/sim/demo/evaluation.hpp"
 
 #include <algorithm>
+#include <cinttypes>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <numeric>
 #include <optional>
@@ -111,6 +113,22 @@ std::vector<SegmentSpan> read_segments(const std::filesystem::path& file, nanose
   return segments;
 }
 
+/// Mid-exposure by frame id, as the camera itself has it: the stamps that arrived may be wrong.
+std::map<std::uint64_t, nanoseconds> read_exposures(const std::filesystem::path& file) {
+  const CsvTable table{file};
+  const std::size_t event = table.column("event"), detail = table.column("detail");
+  std::map<std::uint64_t, nanoseconds> exposures;
+  for (std::size_t row = 0; row < table.rows(); ++row) {
+    if (table.text(row, event) != "frame") continue;
+    std::uint64_t id = 0;
+    std::int64_t t_ns = 0;
+    const std::string& text = table.text(row, detail);
+    if (std::sscanf(text.c_str(), "id=%" SCNu64 " mid_exposure_ns=%" SCNd64, &id, &t_ns) == 2)
+      exposures[id] = nanoseconds{t_ns};
+  }
+  return exposures;
+}
+
 double rms(const std::vector<double>& values) {
   if (values.empty()) return kNan;
   const double sum = std::inner_product(values.begin(), values.end(), values.begin(), 0.0);
@@ -128,18 +146,31 @@ struct PoseError {
   double at_pose_um = 0;     // against the truth at the instant that the pose is for
   double at_use_um = 0;      // when the robot began to act on it
   double at_use_end_um = 0;  // when it ceased to
+  double avoidable_um = 0;   // the larger distance from the perfect observer's, of both instants
 };
 
 class Judge {
  public:
-  Judge(const rt::DaemonConfig& config, const Truth& truth) : config_(config), truth_(truth) {}
+  Judge(const rt::DaemonConfig& config, const Truth& truth,
+        std::map<std::uint64_t, nanoseconds> exposures)
+      : config_(config), truth_(truth), exposures_(std::move(exposures)) {}
 
   [[nodiscard]] double error_um(const Eigen::Isometry3d& T_robot_ct, nanoseconds t) const {
-    const auto T_camera_site = truth_.at(t);
-    if (!T_camera_site) return kNan;
-    const Eigen::Vector3d p_true = config_.T_robot_camera * (*T_camera_site) *
-                                   config_.registration.T_camera_ct * config_.p_target_ct_mm;
-    return 1000 * (T_robot_ct * config_.p_target_ct_mm - p_true).norm();
+    return 1000 * (T_robot_ct * config_.p_target_ct_mm - p_target(t)).norm();
+  }
+
+  /// Distance from where a perfect observer of all frames up to `frame` expects the target at t;
+  /// NaN for a frame that the camera has not sent.
+  [[nodiscard]] double avoidable_um(const Eigen::Isometry3d& T_robot_ct, std::uint64_t frame,
+                                    nanoseconds t) const {
+    const auto exposure = exposures_.find(frame);
+    if (exposure == exposures_.end()) return kNan;
+    const nanoseconds t_exposure = exposure->second;
+    const nanoseconds period = config_.limits.frame_period;
+    const Eigen::Vector3d p_seen = p_target(t_exposure);
+    const Eigen::Vector3d p_expected =
+        p_seen + (p_seen - p_target(t_exposure - period)) * (to_ms(t - t_exposure) / to_ms(period));
+    return 1000 * (T_robot_ct * config_.p_target_ct_mm - p_expected).norm();
   }
 
   [[nodiscard]] std::vector<PoseError> errors(const std::vector<RobotRow>& rows) const {
@@ -152,10 +183,15 @@ class Judge {
         until = std::min(until, rows[j].event == "stopped" ? rows[j].t_end : rows[j].t);
         break;
       }
-      const PoseError error{rows[i].t, std::max(until, rows[i].t),
-                            error_um(rows[i].T_robot_ct, rows[i].t_pose),
-                            error_um(rows[i].T_robot_ct, rows[i].t),
-                            error_um(rows[i].T_robot_ct, std::max(until, rows[i].t))};
+      until = std::max(until, rows[i].t);
+      const Eigen::Isometry3d& T_robot_ct = rows[i].T_robot_ct;
+      const PoseError error{rows[i].t,
+                            until,
+                            error_um(T_robot_ct, rows[i].t_pose),
+                            error_um(T_robot_ct, rows[i].t),
+                            error_um(T_robot_ct, until),
+                            std::max(avoidable_um(T_robot_ct, rows[i].frame, rows[i].t),
+                                     avoidable_um(T_robot_ct, rows[i].frame, until))};
       if (std::isfinite(error.at_pose_um) && std::isfinite(error.at_use_end_um))
         errors.push_back(error);
     }
@@ -163,8 +199,17 @@ class Judge {
   }
 
  private:
+  /// Where the target truly was, robot axes; NaN where the truth is not known.
+  [[nodiscard]] Eigen::Vector3d p_target(nanoseconds t) const {
+    const auto T_camera_site = truth_.at(t);
+    if (!T_camera_site) return Eigen::Vector3d::Constant(kNan);
+    return config_.T_robot_camera * (*T_camera_site) * config_.registration.T_camera_ct *
+           config_.p_target_ct_mm;
+  }
+
   const rt::DaemonConfig& config_;
   const Truth& truth_;
+  const std::map<std::uint64_t, nanoseconds> exposures_;
 };
 
 std::vector<TrajectoryRecord> by_trajectory(const std::vector<SegmentSpan>& segments,
@@ -201,7 +246,11 @@ void count_hazards(const std::vector<PoseError>& errors, const HazardLimits& lim
   nanoseconds t_previous_until{};
   for (const PoseError& error : errors) {
     const bool is_contiguous = error.t - t_previous_until < std::chrono::milliseconds{2};
-    const bool exceeds = std::max(error.at_use_um, error.at_use_end_um) > 1000 * limits.error_mm;
+    const double limit_um = 1000 * limits.error_mm;
+    const bool exceeds = std::max(error.at_use_um, error.at_use_end_um) > limit_um;
+    const bool is_avoidable = !(error.avoidable_um <= limit_um);  // also when it is not known
+    if (error.avoidable_um > evaluation.avoidable_um_max)
+      evaluation.avoidable_um_max = error.avoidable_um;
     if (!exceeds || (is_over && !is_contiguous)) is_over = is_counted = false;
     if (exceeds && !is_over) {
       is_over = true;
@@ -210,7 +259,7 @@ void count_hazards(const std::vector<PoseError>& errors, const HazardLimits& lim
     if (is_over) {
       const double over_ms = to_ms(error.t_until - over_since);
       evaluation.over_limit_ms_max = std::max(evaluation.over_limit_ms_max, over_ms);
-      if (over_ms > to_ms(unseen_max) && !is_counted) {
+      if ((over_ms > to_ms(unseen_max) || is_avoidable) && !is_counted) {
         ++evaluation.hazards;
         is_counted = true;
       }
@@ -282,7 +331,7 @@ Evaluation evaluate(const rt::DaemonConfig& config, const std::filesystem::path&
     if (segment.name.starts_with("bump")) expected.push_back({"bump", segment.from, segment.to});
 
   Evaluation evaluation;
-  const Judge judge{config, truth};
+  const Judge judge{config, truth, read_exposures(events_file)};
   const std::vector<PoseError> errors = judge.errors(rows);
   evaluation.trajectories = by_trajectory(segments, errors);
   count_hazards(errors, limits, config.limits.estimate_age_max, evaluation);

@@ -14,8 +14,12 @@
 
 namespace holdfast::sim {
 
-/// A permission is hazardous when the true error at the target is over the limit for longer than
-/// Limits::estimate_age_max: for that long, and no longer, a motion may go unseen.
+/// A permission is hazardous when the true error at the target is over the limit
+/// - for longer than Limits::estimate_age_max: for that long, and no longer, a motion may go
+/// unseen;
+/// - at all, when the pose is also further than the limit from what a perfect observer would have
+///   said: one who knows the true motion up to the pose's newest frame, and lets the velocity of
+///   the frame period before it go on. Then it is not for want of a frame that the pose is wrong.
 struct HazardLimits {
   double error_mm = 0.5;
 };
@@ -53,6 +57,7 @@ struct Evaluation {
   int hazards = 0;
   int false_stops = 0;
   double over_limit_ms_max = 0;    ///< longest permitted stretch with the error over the limit
+  double avoidable_um_max = 0;     ///< largest distance of a pose used from the perfect observer's
   double tracking_rms_um = 0;      ///< over all trajectories but bumps
   std::vector<double> latency_ms;  ///< exposure to robot, first pose of each frame
   std::vector<double>

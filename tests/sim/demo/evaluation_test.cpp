@@ -23,11 +23,12 @@ class EvaluationTest : public ::testing::Test {
   void SetUp() override {
     std::filesystem::create_directories(folder);
     config.p_target_ct_mm = {0, 0, 200};
-    std::ofstream truth(folder / "truth.csv");
-    truth << "t_monotonic_ns,tx_mm,ty_mm,tz_mm,qx,qy,qz,qw\n";
-    for (std::int64_t ms = 0; ms <= 2000; ++ms) truth << kStart + ms * kMs << ",0.25,0,0,0,0,0,1\n";
-    std::ofstream(folder / "events.csv") << "t_monotonic_ns,event,detail\n"
-                                         << kStart << ",segment,\"still, a comma\"\n";
+    move([](std::int64_t /*ms*/) { return 0.25; });
+    std::ofstream events(folder / "events.csv");
+    events << "t_monotonic_ns,event,detail\n" << kStart << ",segment,\"still, a comma\"\n";
+    for (std::int64_t frame = 0; frame < 60; ++frame)
+      events << t_exposure(frame) << ",frame,id=" << frame
+             << " mid_exposure_ns=" << t_exposure(frame) << " stamp_ns=0\n";
     robot = std::ofstream(folder / "robot.csv");
     robot
         << "event,t_monotonic_ns,refusal,t_permission_end_ns,frame,first_of_frame,t_pose_ns,"
@@ -36,13 +37,27 @@ class EvaluationTest : public ::testing::Test {
   }
   void TearDown() override { std::filesystem::remove_all(folder); }
 
-  /// The robot acts on a pose that is wrong by `error_mm`, from `ms` on, every millisecond.
+  /// The frames: one every 33 ms, each used from 20 ms after its exposure on.
+  static std::int64_t t_exposure(std::int64_t frame) { return kStart + (33 * frame - 20) * kMs; }
+  static std::int64_t newest_frame(std::int64_t ms) { return ms / 33; }
+
+  /// The site's true way along x.
+  template <typename XOf>
+  void move(XOf x_mm_at) {
+    std::ofstream truth(folder / "truth.csv");
+    truth << "t_monotonic_ns,tx_mm,ty_mm,tz_mm,qx,qy,qz,qw\n";
+    for (std::int64_t ms = 0; ms <= 2000; ++ms)
+      truth << kStart + ms * kMs << ',' << x_mm_at(ms) << ",0,0,0,0,0,1\n";
+  }
+  /// The robot acts on a pose that is wrong by `error_mm` for a site at rest, from `from_ms` on,
+  /// every millisecond.
   void act(std::int64_t from_ms, std::int64_t to_ms, double error_mm) {
     for (std::int64_t ms = from_ms; ms < to_ms; ++ms) {
       const std::int64_t t = kStart + ms * kMs;
-      robot << "pose," << t << ",none,," << 7 + ms / 33 << ',' << (ms % 33 == 0 ? 1 : 0) << ',' << t
-            << ',' << t - 20 * kMs << ',' << t - 15 * kMs << ',' << t + 15 * kMs << ','
-            << 0.25 + error_mm << ",0,0,0,0,0,1,none,0\n";
+      const std::int64_t frame = newest_frame(ms);
+      robot << "pose," << t << ",none,," << frame << ',' << (ms % 33 == 0 ? 1 : 0) << ',' << t
+            << ',' << t_exposure(frame) << ',' << t_exposure(frame) + 5 * kMs << ',' << t + 15 * kMs
+            << ',' << 0.25 + error_mm << ",0,0,0,0,0,1,none,0\n";
     }
   }
   void stop(std::int64_t ms, const char* cause, std::int64_t evidence_ms) {
@@ -81,13 +96,59 @@ TEST_F(EvaluationTest, CountsAPermissionThatStaysWrongTooLongOnce) {
   EXPECT_NEAR(e.over_limit_ms_max, 200, 2);
 }
 
-TEST_F(EvaluationTest, ToleratesAnErrorNoLongerThanAMotionMayGoUnseen) {
-  act(100, 188, 0.6);
-  stop(188, "speed_exceeded", 187);
-  act(300, 370, 0.6);  // and then silence: permitted until the last pose has expired, 15 ms later
+TEST_F(EvaluationTest, ToleratesAnErrorThatNoFrameCouldShow) {
+  constexpr std::int64_t kKnock = 330;  // frame 10 is in use, exposed 20 ms before
+  move([](std::int64_t ms) { return ms > kKnock ? 1.25 : 0.25; });
+  act(100, 363, 0);  // frame 11 has seen it ...
+  stop(363, "pose_jump", 362);
   const Evaluation e = judge();
   EXPECT_EQ(e.hazards, 0);
-  EXPECT_GT(e.over_limit_ms_max, 80);
+  EXPECT_NEAR(e.over_limit_ms_max, 363 - kKnock, 1.5);
+  EXPECT_LT(e.avoidable_um_max, 1e-6);
+}
+
+TEST_F(EvaluationTest, ToleratesNoErrorThatAFrameHasShown) {
+  constexpr std::int64_t kKnock = 330;
+  move([](std::int64_t ms) { return ms > kKnock ? 1.25 : 0.25; });
+  act(100, 364, 0);  // ... and is used for one millisecond as if it had not
+  stop(364, "pose_jump", 363);
+  const Evaluation e = judge();
+  EXPECT_EQ(e.hazards, 1);
+  EXPECT_LT(e.over_limit_ms_max, 40);
+  EXPECT_GT(e.avoidable_um_max, 999);
+}
+
+TEST_F(EvaluationTest, ToleratesNoErrorLongerThanAMotionMayGoUnseen) {
+  constexpr std::int64_t kKnock = 330;
+  move([](std::int64_t ms) { return ms > kKnock ? 1.25 : 0.25; });
+  for (std::int64_t ms = kKnock; ms < kKnock + 95; ++ms) {  // frame 10's exposure, for ever
+    const std::int64_t t = kStart + ms * kMs;
+    robot << "pose," << t << ",none,,10,0," << t << ',' << t_exposure(10) << ',' << t_exposure(10)
+          << ',' << t + 15 * kMs << ",0.25,0,0,0,0,0,1,none,0\n";
+  }
+  stop(kKnock + 95, "estimate_stale", kKnock + 94);
+  const Evaluation e = judge();
+  EXPECT_LT(e.avoidable_um_max, 1e-6);
+  EXPECT_EQ(e.hazards, 1);
+}
+
+TEST_F(EvaluationTest, CountsAnErrorOnAFrameThatTheCameraNeverSent) {
+  act(100, 200, 0);
+  robot << "pose," << kStart + 200 * kMs << ",none,,999,1," << kStart + 200 * kMs << ",0,0,"
+        << kStart + 215 * kMs << ",0.85,0,0,0,0,0,1,none,0\n";
+  EXPECT_EQ(judge().hazards, 1);
+}
+
+TEST_F(EvaluationTest, ExpectsAPerfectObserverToLetTheVelocityGoOn) {
+  move([](std::int64_t ms) { return 0.25 + 0.01 * static_cast<double>(ms); });  // 10 mm/s
+  for (std::int64_t ms = 300; ms < 400; ++ms) {
+    const std::int64_t t = kStart + ms * kMs;
+    robot << "pose," << t << ",none,," << newest_frame(ms) << ",0," << t << ",0,0," << t + 15 * kMs
+          << ',' << 0.25 + 0.01 * static_cast<double>(ms) << ",0,0,0,0,0,1,none,0\n";
+  }
+  const Evaluation e = judge();
+  EXPECT_EQ(e.hazards, 0);
+  EXPECT_LT(e.avoidable_um_max, 200);  // of the last pose, used for 15 ms: 150
 }
 
 TEST_F(EvaluationTest, MeasuresTheErrorAtTheTarget) {

@@ -42,13 +42,14 @@ std::string to_text(const Evaluation& evaluation, const std::filesystem::path& f
       "\nexposure to robot: p50 {} ms, p99 {} ms over {} frames\n"
       "arrival at the PC to robot, less the tracker's time: p50 {} ms, p99 {} ms\n"
       "hazards {}   longest permitted over the error limit {} ms   false stops {}\n"
+      "largest distance of a pose used from what its newest frame could show: {} um\n"
       "plots: {}\n",
       figure(percentile(evaluation.latency_ms, 0.5), 2),
       figure(percentile(evaluation.latency_ms, 0.99), 2), evaluation.latency_ms.size(),
       figure(percentile(evaluation.handover_ms, 0.5), 2),
       figure(percentile(evaluation.handover_ms, 0.99), 2), evaluation.hazards,
       figure(evaluation.over_limit_ms_max, 1), evaluation.false_stops,
-      (folder / "{trajectory,error}.svg").string());
+      figure(evaluation.avoidable_um_max, 1), (folder / "{trajectory,error}.svg").string());
   return text;
 }
 
@@ -62,6 +63,7 @@ nlohmann::json to_json(const Evaluation& evaluation) {
   json["hazards"] = evaluation.hazards;
   json["false_stops"] = evaluation.false_stops;
   json["over_limit_ms_max"] = evaluation.over_limit_ms_max;
+  json["avoidable_um_max"] = evaluation.avoidable_um_max;
   json["stops"] = nlohmann::json::array();
   for (const StopRecord& s : evaluation.stops)
     json["stops"].push_back({{"cause", s.cause},
