@@ -15,6 +15,7 @@ int main(int argc, char** argv) {
   holdfast::rt::add_evaluate(app);
   holdfast::rt::add_fiducials(app);
   holdfast::rt::add_pattern(app);
+  holdfast::rt::add_project(app);
   holdfast::rt::add_reconstruct(app);
   holdfast::rt::add_register(app);
   holdfast::rt::add_surface(app);

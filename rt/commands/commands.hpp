@@ -12,6 +12,7 @@ void add_doctor(CLI::App& app);
 void add_evaluate(CLI::App& app);
 void add_fiducials(CLI::App& app);
 void add_pattern(CLI::App& app);
+void add_project(CLI::App& app);
 void add_reconstruct(CLI::App& app);
 void add_register(CLI::App& app);
 void add_surface(CLI::App& app);
