@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: Apache-2.0
+// Markers seen by both cameras to points of the left camera's frame, with what is not known of
+// them: the images' noise, marker by marker, and the calibration's, common to all.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <opencv2/core.hpp>
+
+#include "registration/marker_detection.hpp"
+#include "registration/stereo_calibration.hpp"
+
+namespace holdfast::registration {
+
+struct MarkerOptions {
+  double offset_mm = 0;       ///< the point wanted lies this far below the marker (a bead's 1 mm)
+  double marker_mm = 0;       ///< side of the black square; 0: not known, measured
+  int least = 3;              ///< markers that a registration needs
+  double worst_fit_px = 0.5;  ///< rms of one marker's corners in both images
+  double worst_side_share = 0.03;  ///< measured side against `marker_mm`
+};
+
+struct LocatedMarker {
+  int id = 0;
+  Eigen::Isometry3d T_camera_marker = Eigen::Isometry3d::Identity();  ///< z out of the holder
+  double side_mm = 0;
+  double fit_px = 0;  ///< rms of the corners about the square, both images
+  Eigen::Vector3d point_mm = Eigen::Vector3d::Zero();  ///< the centre, or offset_mm below it
+  Eigen::Matrix3d covariance_mm2 = Eigen::Matrix3d::Zero();
+};
+
+struct MarkerSet {
+  std::vector<LocatedMarker> markers;    ///< by id
+  Eigen::MatrixXd joint_covariance_mm2;  ///< of all points: x y z of the first, then of the next
+  std::vector<std::string> skipped;      ///< seen, but not by both; one line each
+};
+
+/// Each marker is the square (of unknown side) that fits its corners in both images best.
+/// `calibration` at the images' zoom, with its covariance. Throws RefusedError naming marker, value
+/// and limit: an id twice in one image; too few seen by both; the two images disagreeing (left and
+/// right swapped, another zoom or calibration); a marker behind the cameras; a side unlike
+/// marker_mm.
+[[nodiscard]] MarkerSet locate_markers(const std::vector<DetectedMarker>& left,
+                                       const std::vector<DetectedMarker>& right,
+                                       const ZoomCalibration& calibration,
+                                       const MarkerOptions& options);
+
+/// 3D Slicer markups of the points, labelled aruco-<id>, with each one's covariance; beside the
+/// schema's own keys `joint_covariance_mm2` (rows of rows), which holds what markers share.
+[[nodiscard]] std::string markers_text(const MarkerSet& set);
+
+}  // namespace holdfast::registration

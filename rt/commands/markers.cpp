@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast markers`: the markers on the patient's holders, as points in the left camera's frame.
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <string>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/command_line.hpp"
+#include "bridge/image_file.hpp"
+#include "registration/marker_detection.hpp"
+#include "registration/marker_triangulation.hpp"
+#include "registration/stereo_calibration.hpp"
+#include "rt/commands/commands.hpp"
+#include "rt/core/error.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+using namespace registration;
+
+constexpr const char* kExample =
+    "Example: the beads 1 mm below four 4x4 markers, from a pair taken with the pattern off\n"
+    "  holdfast markers --left left.png --right right.png --calibration stereo.yaml --zoom 1.3 \\\n"
+    "    --offset-mm 1 --out markers.mrk.json\n"
+    "Exit code 1: the images and the calibration do not fit together, or too few markers are seen.";
+
+struct Options {
+  std::string left, right, calibration, out, dictionary = "4x4_50";
+  double zoom = 0;
+  MarkerOptions markers;
+  bool may_extrapolate = false, is_json = false;
+};
+
+cv::Mat read_grey(const std::string& path, const StereoCalibration& calibration) {
+  cv::Mat image = bridge::read_image_file(path);
+  if (image.cols != calibration.image_width_px || image.rows != calibration.image_height_px)
+    throw InputError(fmt::format("{}: is {}x{} px, must be {}x{} px as the calibration", path,
+                                 image.cols, image.rows, calibration.image_width_px,
+                                 calibration.image_height_px));
+  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
+  if (image.channels() != 1 || (image.depth() != CV_8U && image.depth() != CV_16U))
+    throw InputError(path + ": must be grey or colour, 8 or 16 bit");
+  if (image.depth() == CV_8U) return image;
+  double brightest = 0;
+  cv::minMaxLoc(image, nullptr, &brightest);
+  cv::Mat grey;
+  image.convertTo(grey, CV_8U, 255 / std::max(brightest, 1.0));
+  return grey;
+}
+
+void print(const Options& options, const MarkerSet& set) {
+  if (options.is_json) {
+    nlohmann::ordered_json json;
+    json["out"] = options.out;
+    for (const LocatedMarker& m : set.markers)
+      json["markers"].push_back({{"label", fmt::format("aruco-{}", m.id)},
+                                 {"position_mm", {m.point_mm.x(), m.point_mm.y(), m.point_mm.z()}},
+                                 {"sigma_mm", std::sqrt(m.covariance_mm2.trace())},
+                                 {"side_mm", m.side_mm},
+                                 {"fit_px", m.fit_px}});
+    json["skipped"] = set.skipped;
+    fmt::print("{}\n", json.dump());
+    return;
+  }
+  for (const std::string& one : set.skipped) fmt::print("skipped: {}\n", one);
+  for (const LocatedMarker& m : set.markers)
+    fmt::print(
+        "aruco-{}  {:9.4f} {:9.4f} {:9.4f} mm  sigma {:.4f} mm  side {:.3f} mm  fit {:.3f} px\n",
+        m.id, m.point_mm.x(), m.point_mm.y(), m.point_mm.z(), std::sqrt(m.covariance_mm2.trace()),
+        m.side_mm, m.fit_px);
+}
+
+void run(const Options& options) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  cv::setNumThreads(2);
+  bridge::catch_interrupts();
+  if (!(options.markers.offset_mm >= -100 && options.markers.offset_mm <= 100))
+    throw InputError(
+        fmt::format("--offset-mm is {:g}, must be -100 to 100 mm", options.markers.offset_mm));
+  if (!(options.markers.marker_mm >= 0 && options.markers.marker_mm < 1000))
+    throw InputError(
+        fmt::format("--marker-mm is {:g}, must be 0 to 1000 mm", options.markers.marker_mm));
+  const int dictionary = marker_dictionary(options.dictionary);
+  const StereoCalibration calibration = read_stereo_calibration(options.calibration);
+  const ZoomCalibration zoom =
+      calibration_at_zoom(calibration, options.zoom, options.may_extrapolate);
+  const cv::Mat left = read_grey(options.left, calibration);
+  const cv::Mat right = read_grey(options.right, calibration);
+  const MarkerSet set = locate_markers(
+      detect_markers(left, dictionary, zoom.camera_matrix_left, zoom.distortion_left),
+      detect_markers(right, dictionary, zoom.camera_matrix_right, zoom.distortion_right), zoom,
+      options.markers);
+  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+  bridge::write_file_atomically(options.out, markers_text(set));
+  print(options, set);
+}
+
+}  // namespace
+
+void add_markers(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  CLI::App* markers = app.add_subcommand("markers", "Locate ArUco markers in a stereo pair.");
+  markers->add_option("--left", options->left, "Left image, raw, pattern off")->required();
+  markers->add_option("--right", options->right, "Right image, raw, pattern off")->required();
+  markers->add_option("--calibration", options->calibration, "stereo.yaml of `holdfast calibrate`")
+      ->required();
+  markers->add_option("--zoom", options->zoom, "Zoom of the images")->required();
+  markers->add_flag("--extrapolate", options->may_extrapolate, "Also outside the calibrated zooms");
+  markers
+      ->add_option("--offset-mm", options->markers.offset_mm,
+                   "Write the point this far below each marker along its normal, mm")
+      ->capture_default_str();
+  markers->add_option("--marker-mm", options->markers.marker_mm,
+                      "Side of the black square, mm, to check against (default: not checked)");
+  markers->add_option("--least", options->markers.least, "Refuse fewer markers than this")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  markers->add_option("--dictionary", options->dictionary, "OpenCV's name without DICT_")
+      ->capture_default_str();
+  markers->add_option("--out", options->out, "3D Slicer markups (.mrk.json)")->required();
+  markers->add_flag("--json", options->is_json, "Print one JSON object on stdout");
+  markers->footer(kExample);
+  markers->callback([options] { run(*options); });
+}
+
+}  // namespace holdfast::rt
