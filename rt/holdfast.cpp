@@ -10,10 +10,12 @@ int main(int argc, char** argv) {
                "holdfast"};
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
+  holdfast::rt::add_calibrate(app);
   holdfast::rt::add_demo(app);
   holdfast::rt::add_doctor(app);
   holdfast::rt::add_evaluate(app);
   holdfast::rt::add_fiducials(app);
+  holdfast::rt::add_markers(app);
   holdfast::rt::add_pattern(app);
   holdfast::rt::add_project(app);
   holdfast::rt::add_reconstruct(app);

@@ -7,10 +7,12 @@
 
 namespace holdfast::rt {
 
+void add_calibrate(CLI::App& app);
 void add_demo(CLI::App& app);
 void add_doctor(CLI::App& app);
 void add_evaluate(CLI::App& app);
 void add_fiducials(CLI::App& app);
+void add_markers(CLI::App& app);
 void add_pattern(CLI::App& app);
 void add_project(CLI::App& app);
 void add_reconstruct(CLI::App& app);

@@ -1,0 +1,221 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "registration/calibration_error.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <Eigen/Geometry>
+#include <Eigen/QR>
+#include <Eigen/SVD>
+#include <opencv2/calib3d.hpp>
+
+#include "registration/triangulation.hpp"
+
+namespace holdfast::registration {
+namespace {
+
+using Pose = Eigen::Matrix<double, 6, 1>;
+
+/// Pixels of the board's corners: left x, y of all, then right x, y of all.
+Eigen::VectorXd projected(const std::vector<cv::Point3d>& board, const Pose& pose,
+                          const ZoomCalibration& zoom) {
+  cv::Vec3d r(pose[0], pose[1], pose[2]), t(pose[3], pose[4], pose[5]);
+  cv::Vec3d r_stereo, r_right, t_right;
+  cv::Rodrigues(zoom.R, r_stereo);
+  cv::composeRT(r, t, r_stereo, zoom.T, r_right, t_right);
+  std::vector<cv::Point2d> left, right;
+  cv::projectPoints(board, r, t, zoom.camera_matrix_left, zoom.distortion_left, left);
+  cv::projectPoints(board, r_right, t_right, zoom.camera_matrix_right, zoom.distortion_right,
+                    right);
+  Eigen::VectorXd pixels(static_cast<Eigen::Index>(4 * board.size()));
+  Eigen::Index at = 0;
+  for (const auto* side : {&left, &right})
+    for (const cv::Point2d& p : *side) {
+      pixels[at++] = p.x;
+      pixels[at++] = p.y;
+    }
+  return pixels;
+}
+
+Eigen::VectorXd observed(const BoardPair& pair) {
+  Eigen::VectorXd pixels(static_cast<Eigen::Index>(4 * pair.left.size()));
+  Eigen::Index at = 0;
+  for (const auto* side : {&pair.left, &pair.right})
+    for (const cv::Point2d& p : *side) {
+      pixels[at++] = p.x;
+      pixels[at++] = p.y;
+    }
+  return pixels;
+}
+
+Eigen::MatrixXd pose_jacobian(const std::vector<cv::Point3d>& board, const Pose& pose,
+                              const ZoomCalibration& zoom) {
+  Eigen::MatrixXd jacobian(static_cast<Eigen::Index>(4 * board.size()), 6);
+  for (Eigen::Index i = 0; i < 6; ++i) {
+    const double step = i < 3 ? 1e-5 : 1e-3;
+    Pose up = pose, down = pose;
+    up[i] += step;
+    down[i] -= step;
+    jacobian.col(i) = (projected(board, up, zoom) - projected(board, down, zoom)) / (2 * step);
+  }
+  return jacobian;
+}
+
+/// Columns scaled by the square root of the covariance's diagonal steps: J · L with L·Lᵀ = Cov.
+Eigen::MatrixXd square_root(const Eigen::MatrixXd& covariance) {
+  const Eigen::VectorXd scale = covariance.diagonal().cwiseMax(0).cwiseSqrt();
+  const Eigen::VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse.asDiagonal() * covariance *
+                                                              inverse.asDiagonal());
+  return scale.asDiagonal() * solver.eigenvectors() *
+         solver.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
+}
+
+std::vector<cv::Point3d> points_of(const std::vector<Eigen::Vector3d>& board_mm) {
+  std::vector<cv::Point3d> points;
+  for (const auto& p : board_mm) points.emplace_back(p.x(), p.y(), p.z());
+  return points;
+}
+
+Pose fitted_pose(const BoardPair& pair, const std::vector<cv::Point3d>& board,
+                 const ZoomCalibration& zoom) {
+  // Both views together: one alone leaves a board's tilt ambiguous at a long focal length.
+  std::vector<Eigen::Vector3d> flat, corners;
+  for (const cv::Point3d& p : board) flat.emplace_back(p.x, p.y, p.z);
+  for (const TriangulatedPoint& point : triangulate(pair.left, pair.right, zoom))
+    corners.push_back(point.p_camera_mm);
+  const Eigen::Isometry3d T_camera_board = rigid_fit(flat, corners);
+  const Eigen::AngleAxisd rotation(T_camera_board.linear());
+  Pose pose;
+  pose << rotation.angle() * rotation.axis(), T_camera_board.translation();
+  const Eigen::VectorXd seen = observed(pair);
+  for (int i = 0; i < 6; ++i) {
+    const Eigen::MatrixXd jacobian = pose_jacobian(board, pose, zoom);
+    pose += jacobian.colPivHouseholderQr().solve(seen - projected(board, pose, zoom));
+  }
+  return pose;
+}
+
+double rms_of_points(const Eigen::VectorXd& residual) {
+  return std::sqrt(2 * residual.squaredNorm() / static_cast<double>(residual.size()));
+}
+
+/// Takes the best small rigid motion out of displacements of points.
+Eigen::MatrixXd without_rigid(const std::vector<Eigen::Vector3d>& points,
+                              const Eigen::MatrixXd& displacements) {
+  Eigen::MatrixXd motions(displacements.rows(), 6);
+  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+  for (const auto& p : points) centre += p / static_cast<double>(points.size());
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    const auto row = static_cast<Eigen::Index>(3 * i);
+    const Eigen::Vector3d p = points[i] - centre;
+    motions.block<3, 3>(row, 0).setIdentity();
+    motions.block<3, 3>(row, 3) << 0, p.z(), -p.y(), -p.z(), 0, p.x(), p.y(), -p.x(), 0;
+  }
+  return displacements - motions * motions.colPivHouseholderQr().solve(displacements);
+}
+
+}  // namespace
+
+ViewError view_error(const BoardPair& pair, const std::vector<Eigen::Vector3d>& board_mm,
+                     const ZoomCalibration& zoom) {
+  const auto board = points_of(board_mm);
+  const Pose pose = fitted_pose(pair, board, zoom);
+  const Eigen::VectorXd residual = observed(pair) - projected(board, pose, zoom);
+  ViewError error;
+  error.reprojection_left_px = rms_of_points(residual.head(residual.size() / 2));
+  error.reprojection_right_px = rms_of_points(residual.tail(residual.size() / 2));
+  std::vector<Eigen::Vector3d> corners;
+  double squares = 0;
+  for (const TriangulatedPoint& point : triangulate(pair.left, pair.right, zoom)) {
+    corners.push_back(point.p_camera_mm);
+    squares += point.epipolar_px * point.epipolar_px;
+  }
+  error.epipolar_px = std::sqrt(squares / static_cast<double>(corners.size()));
+  error.board_mm = rigid_residual_mm(corners, board_mm);
+  return error;
+}
+
+double predicted_nonrigid_mm(const ZoomCalibration& zoom, int image_width_px, int image_height_px,
+                             double depth_mm) {
+  constexpr double kUnknown = std::numeric_limits<double>::infinity();
+  if (zoom.parameter_covariance.size() == 0) return kUnknown;
+  constexpr int kSteps = 4;
+  std::vector<cv::Point2d> left, right;
+  std::vector<Eigen::Vector3d> points;
+  for (int i = 0; i <= kSteps; ++i)
+    for (int j = 0; j <= kSteps; ++j)
+      for (const double depth : {0.9 * depth_mm, depth_mm, 1.1 * depth_mm}) {
+        const cv::Point2d pixel((image_width_px - 1.0) * i / kSteps,
+                                (image_height_px - 1.0) * j / kSteps);
+        const auto ray = rays({pixel}, zoom.camera_matrix_left, zoom.distortion_left).front();
+        const cv::Point3d p(ray.x() * depth, ray.y() * depth, depth);
+        std::vector<cv::Point2d> seen;
+        cv::Vec3d rotation;
+        cv::Rodrigues(zoom.R, rotation);
+        cv::projectPoints(std::vector<cv::Point3d>{p}, rotation, zoom.T, zoom.camera_matrix_right,
+                          zoom.distortion_right, seen);
+        if (!(seen[0].x >= 0 && seen[0].y >= 0 && seen[0].x <= image_width_px - 1 &&
+              seen[0].y <= image_height_px - 1))
+          continue;
+        left.push_back(pixel);
+        right.push_back(seen[0]);
+        points.emplace_back(p.x, p.y, p.z);
+      }
+  if (points.size() < 8) return kUnknown;
+  const Eigen::MatrixXd root = square_root(zoom.parameter_covariance);
+  const Eigen::VectorXd parameters = parameter_vector(zoom);
+  Eigen::MatrixXd displacements(static_cast<Eigen::Index>(3 * points.size()), root.cols());
+  constexpr double kStep = 1e-2;  // of a standard deviation: stays linear for a bad calibration
+  for (Eigen::Index k = 0; k < root.cols(); ++k) {
+    const auto moved =
+        triangulate(left, right, with_parameters(zoom, parameters + kStep * root.col(k)));
+    for (std::size_t i = 0; i < points.size(); ++i)
+      displacements.block<3, 1>(static_cast<Eigen::Index>(3 * i), k) =
+          (moved[i].p_camera_mm - points[i]) / kStep;
+  }
+  const double squares = without_rigid(points, displacements).squaredNorm();
+  return std::isfinite(squares) ? std::sqrt(squares / static_cast<double>(points.size()))
+                                : kUnknown;
+}
+
+double covariance_inflation(const std::vector<ZoomViews>& held_out,
+                            const std::vector<ZoomCalibration>& fold,
+                            const std::vector<Eigen::Vector3d>& board_mm, double corner_sigma_px) {
+  const auto board = points_of(board_mm);
+  double excess = 0, predicted = 0;
+  for (std::size_t z = 0; z < held_out.size(); ++z) {
+    const ZoomCalibration& zoom = fold[z];
+    const Eigen::MatrixXd root = square_root(zoom.parameter_covariance);
+    const Eigen::VectorXd parameters = parameter_vector(zoom);
+    for (const BoardPair& pair : held_out[z].pairs) {
+      const Pose pose = fitted_pose(pair, board, zoom);
+      const Eigen::VectorXd here = projected(board, pose, zoom);
+      Eigen::MatrixXd spread(here.size(), root.cols());
+      constexpr double kStep = 0.1;
+      for (Eigen::Index k = 0; k < root.cols(); ++k)
+        spread.col(k) =
+            (projected(board, pose, with_parameters(zoom, parameters + kStep * root.col(k))) -
+             here) /
+            (kStep * corner_sigma_px);
+      const Eigen::MatrixXd jacobian = pose_jacobian(board, pose, zoom);
+      spread -= jacobian * jacobian.colPivHouseholderQr().solve(spread);
+      const Eigen::VectorXd residual = (observed(pair) - here) / corner_sigma_px;
+      const Eigen::BDCSVD<Eigen::MatrixXd> svd(spread, Eigen::ComputeThinU);
+      // Directions in which the calibration's error is at all visible beside the corners' noise.
+      for (Eigen::Index k = 0; k < svd.singularValues().size(); ++k) {
+        const double variance = svd.singularValues()[k] * svd.singularValues()[k];
+        if (variance < 0.05) break;
+        const double along = svd.matrixU().col(k).dot(residual);
+        excess += along * along - 1;
+        predicted += variance;
+      }
+    }
+  }
+  return predicted > 0 ? std::max(1.0, excess / predicted) : 1.0;
+}
+
+}  // namespace holdfast::registration

@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: Apache-2.0
+// The calibration over five zooms against a microscope that OpenCV's model does not contain, and
+// on the real stereo boards of opencv-doc and mrpt-common.
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+
+#include <gtest/gtest.h>
+#include <opencv2/imgcodecs.hpp>
+
+#include "registration/calibration_images.hpp"
+#include "registration/calibration_run.hpp"
+#include "tests/registration/support/calibration_scene.hpp"
+
+namespace holdfast::registration {
+namespace {
+
+using test::CalibrationScene;
+
+TEST(CalibrationOverZoom, MeetsItsBoundsAtAndBetweenTheZoomsAndBeatsThePlainRecipe) {
+  double joint = 0, plain = 0;
+  for (const std::uint32_t seed : {11U, 12U}) {
+    test::SceneOptions scene_options;
+    scene_options.seed = seed;
+    const CalibrationScene scene(scene_options);
+    CalibrationOptions options;
+    const auto a = calibrate_stereo(scene.views(), CalibrationScene::kWidth,
+                                    CalibrationScene::kHeight, options, {});
+    options.method = CalibrationMethod::plain;
+    const auto b = calibrate_stereo(scene.views(), CalibrationScene::kWidth,
+                                    CalibrationScene::kHeight, options, {});
+    for (std::size_t z = 0; z < a.zooms.size(); ++z) {
+      const double zoom = a.zooms[z].zoom;
+      const double error_mm = scene.nonrigid_error_mm(a.calibration.zooms[z], zoom);
+      EXPECT_LE(error_mm, 0.03) << "seed " << seed << " zoom " << zoom;
+      EXPECT_LE(error_mm, 3 * a.zooms[z].predicted_nonrigid_mm);
+      joint += error_mm;
+      plain += scene.nonrigid_error_mm(b.calibration.zooms[z], zoom);
+    }
+    for (const double zoom : {1.15, 1.25, 1.35, 1.45})
+      EXPECT_LE(scene.nonrigid_error_mm(calibration_at_zoom(a.calibration, zoom), zoom), 0.05)
+          << "seed " << seed << " zoom " << zoom;
+  }
+  EXPECT_LT(joint, 0.7 * plain);
+}
+
+/// Real pairs, as one zoom.
+BoardSearch boards_of(const std::vector<ImagePair>& pairs, const BoardPattern& board) {
+  return find_boards({ZoomImages{1.0, pairs}}, board, 2,
+                     [](const std::string& path) { return cv::imread(path, cv::IMREAD_GRAYSCALE); },
+                     {});
+}
+
+TEST(RealBoards, OpenCvsThirteenPairsReachAQuarterOfAPixel) {
+  const std::string folder = "/usr/share/doc/opencv-doc/examples/data/";
+  ASSERT_TRUE(std::filesystem::exists(folder + "left01.jpg")) << "install opencv-doc";
+  std::vector<ImagePair> pairs;
+  for (const char* number :
+       {"01", "02", "03", "04", "05", "06", "07", "08", "09", "11", "12", "13", "14"})
+    pairs.push_back({folder + "left" + number + ".jpg", folder + "right" + number + ".jpg"});
+  BoardPattern board;
+  board.rows = 6;
+  board.square_mm = 25;
+  const BoardSearch search = boards_of(pairs, board);
+  EXPECT_GE(search.views[0].pairs.size(), 12U);
+  CalibrationOptions options;
+  options.board = board;
+  options.worst_nonrigid_mm = 50;  // a wide-angle rig seen at metres
+  const auto outcome =
+      calibrate_stereo(search.views, search.image.width, search.image.height, options, {});
+  EXPECT_LT(outcome.calibration.zooms[0].rms_px, 0.26);
+  EXPECT_NEAR(std::abs(outcome.calibration.zooms[0].T[0]), 83, 4);  // the rig's known base
+}
+
+TEST(RealBoards, MrptsPairsAreFoundAndFitOneRig) {
+  const std::string folder = "/usr/share/mrpt/datasets/stereo-calib/";
+  ASSERT_TRUE(std::filesystem::exists(folder + "0_left.jpg")) << "install mrpt-common";
+  std::vector<ImagePair> pairs;
+  for (const char* number : {"0", "1", "2", "3"})
+    pairs.push_back({folder + number + "_left.jpg", folder + number + "_right.jpg"});
+  BoardPattern board;
+  board.columns = 7;
+  board.rows = 9;
+  board.square_mm = 30;
+  const BoardSearch search = boards_of(pairs, board);
+  EXPECT_EQ(search.views[0].pairs.size(), 4U);
+}
+
+}  // namespace
+}  // namespace holdfast::registration
