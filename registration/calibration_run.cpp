@@ -102,6 +102,22 @@ class Run {
           fmt::format("zoom {:g}: the right camera stands {:.1f} mm to the left of the left one: "
                       "left and right are swapped",
                       zoom.zoom, -typical));
+    check_each_side(zoom, start);
+  }
+
+  /// One pair among good ones: the others' cameras explain it far better with its sides exchanged.
+  void check_each_side(const ZoomViews& zoom, const ZoomCalibration& start) const {
+    const auto board_mm = options_.board.points_mm();
+    std::vector<double> ahead_px, exchanged_px;
+    for (const BoardPair& pair : zoom.pairs) {
+      ahead_px.push_back(of_both_px(view_error(pair, board_mm, start)));
+      exchanged_px.push_back(
+          of_both_px(view_error({pair.name, pair.right, pair.left}, board_mm, start)));
+    }
+    const double typical_px = median(ahead_px);
+    for (std::size_t i = 0; i < ahead_px.size(); ++i)
+      if (ahead_px[i] > 2 * typical_px && exchanged_px[i] < 0.5 * ahead_px[i])
+        throw RefusedError(zoom.pairs[i].name + ": left and right are swapped in this pair");
   }
 
   /// A pair whose two images are not of one moment fits no common calibration.

@@ -7,11 +7,9 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/eigen.hpp>
 
-#include "registration/markups.hpp"
 #include "registration/triangulation.hpp"
 #include "rt/core/error.hpp"
 
@@ -311,21 +309,14 @@ MarkerSet locate_markers(const std::vector<DetectedMarker>& left,
   return set;
 }
 
-std::string markers_text(const MarkerSet& set) {
-  std::vector<MarkupPoint> points;
+Markups markups_of(const MarkerSet& set) {
+  Markups markups;
   for (const LocatedMarker& marker : set.markers)
-    points.push_back({fmt::format("aruco-{}", marker.id), marker.point_mm, marker.covariance_mm2,
-                      fmt::format("side {:.4f} mm, fit {:.4f} px", marker.side_mm, marker.fit_px)});
-  auto json = nlohmann::ordered_json::parse(markups_text(points));
-  auto rows = nlohmann::ordered_json::array();
-  for (Eigen::Index r = 0; r < set.joint_covariance_mm2.rows(); ++r) {
-    auto row = nlohmann::ordered_json::array();
-    for (Eigen::Index c = 0; c < set.joint_covariance_mm2.cols(); ++c)
-      row.push_back(set.joint_covariance_mm2(r, c));
-    rows.push_back(row);
-  }
-  json["joint_covariance_mm2"] = rows;
-  return json.dump(2) + "\n";
+    markups.points.push_back(
+        {fmt::format("aruco-{}", marker.id), marker.point_mm, marker.covariance_mm2,
+         fmt::format("side {:.4f} mm, fit {:.4f} px", marker.side_mm, marker.fit_px)});
+  markups.joint_covariance_mm2 = set.joint_covariance_mm2;
+  return markups;
 }
 
 }  // namespace holdfast::registration

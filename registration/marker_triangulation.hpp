@@ -10,6 +10,7 @@
 #include <opencv2/core.hpp>
 
 #include "registration/marker_detection.hpp"
+#include "registration/markups.hpp"
 #include "registration/stereo_calibration.hpp"
 
 namespace holdfast::registration {
@@ -47,8 +48,8 @@ struct MarkerSet {
                                        const ZoomCalibration& calibration,
                                        const MarkerOptions& options);
 
-/// 3D Slicer markups of the points, labelled aruco-<id>, with each one's covariance; beside the
-/// schema's own keys `joint_covariance_mm2` (rows of rows), which holds what markers share.
-[[nodiscard]] std::string markers_text(const MarkerSet& set);
+/// The points for a markups file, labelled aruco-<id>, with each one's covariance and the joint
+/// one.
+[[nodiscard]] Markups markups_of(const MarkerSet& set);
 
 }  // namespace holdfast::registration

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <utility>
 
+#include <Eigen/LU>
 #include <fmt/format.h>
 #include <opencv2/calib3d.hpp>
 
@@ -15,37 +16,79 @@ namespace {
 
 constexpr double kSameZoom = 1e-6;
 
-/// Where the parameters vary smoothly with zoom: x = log zoom; the focal lengths as logarithms
-/// (magnification is a ratio), all others as they are.
+/// The records in coordinates where they vary smoothly with zoom, over x = log zoom.
 struct Samples {
   std::vector<double> x;
   std::vector<Eigen::VectorXd> values;
   std::vector<Eigen::MatrixXd> covariances;  // empty: unknown
 };
 
-bool is_focal_length(Eigen::Index i, Eigen::Index n) {
-  return i < 2 || (i >= 4 + n && i < 6 + n);
-}
+/// Coordinates in which a parameter means the same at every zoom. What the views leave uncertain
+/// is uncertain in company: a principal point with the camera's turn, a coefficient with the next.
+/// These companies are the same at all zooms once the principal point is an angle from the image's
+/// middle, (cx - c0) / f, and a coefficient is what it does in pixels, k / f^(its power): so
+/// covariances of several zooms may be added. Focal lengths are logarithms: magnification is a
+/// ratio.
+class SmoothCoordinates {
+ public:
+  SmoothCoordinates(const StereoCalibration& calibration, Eigen::Index coefficients)
+      : middle_{0.5 * (calibration.image_width_px - 1), 0.5 * (calibration.image_height_px - 1)},
+        f_px_(calibration.zooms.front().camera_matrix_left(0, 0)),
+        n_(coefficients) {}
 
-Eigen::VectorXd to_smooth(Eigen::VectorXd value, Eigen::Index n) {
-  for (Eigen::Index i = 0; i < value.size(); ++i)
-    if (is_focal_length(i, n)) value[i] = std::log(value[i]);
-  return value;
-}
+  [[nodiscard]] Eigen::VectorXd from_parameters(Eigen::VectorXd value) const {
+    for (const Eigen::Index side : {Eigen::Index{0}, 4 + n_}) {
+      const double f = value[side];
+      for (Eigen::Index i = 0; i < n_; ++i) value[side + 4 + i] *= scale(i, f);
+      for (const Eigen::Index i : {side, side + 1}) {
+        value[i + 2] = (value[i + 2] - middle_[i - side]) / value[i];
+        value[i] = std::log(value[i]);
+      }
+    }
+    return value;
+  }
 
-Eigen::VectorXd from_smooth(Eigen::VectorXd value, Eigen::Index n) {
-  for (Eigen::Index i = 0; i < value.size(); ++i)
-    if (is_focal_length(i, n)) value[i] = std::exp(value[i]);
-  return value;
-}
+  [[nodiscard]] Eigen::VectorXd to_parameters(Eigen::VectorXd value) const {
+    for (const Eigen::Index side : {Eigen::Index{0}, 4 + n_}) {
+      for (const Eigen::Index i : {side, side + 1}) {
+        value[i] = std::exp(value[i]);
+        value[i + 2] = middle_[i - side] + value[i + 2] * value[i];
+      }
+      const double f = value[side];
+      for (Eigen::Index i = 0; i < n_; ++i) value[side + 4 + i] /= scale(i, f);
+    }
+    return value;
+  }
 
-/// The derivative of to_smooth().
-Eigen::VectorXd slopes(const Eigen::VectorXd& value, Eigen::Index n) {
-  Eigen::VectorXd slope = Eigen::VectorXd::Ones(value.size());
-  for (Eigen::Index i = 0; i < value.size(); ++i)
-    if (is_focal_length(i, n)) slope[i] = 1 / value[i];
-  return slope;
-}
+  /// The derivative of from_parameters().
+  [[nodiscard]] Eigen::MatrixXd jacobian(const Eigen::VectorXd& value) const {
+    const Eigen::VectorXd smooth = from_parameters(value);
+    Eigen::MatrixXd j = Eigen::MatrixXd::Identity(value.size(), value.size());
+    for (const Eigen::Index side : {Eigen::Index{0}, 4 + n_}) {
+      for (const Eigen::Index i : {side, side + 1}) {
+        j(i, i) = j(i + 2, i + 2) = 1 / value[i];
+        j(i + 2, i) = -smooth[i + 2] / value[i];
+      }
+      for (Eigen::Index i = 0; i < n_; ++i) {
+        j(side + 4 + i, side + 4 + i) = scale(i, value[side]);
+        j(side + 4 + i, side) -= kPowers[i] * smooth[side + 4 + i] / value[side];
+      }
+    }
+    return j;
+  }
+
+ private:
+  /// In OpenCV's order, k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 and the sensor's tilt.
+  static constexpr double kPowers[14] = {2, 4, 1, 1, 6, 2, 4, 6, 1, 3, 1, 3, 0, 0};
+
+  [[nodiscard]] double scale(Eigen::Index i, double f) const {
+    return std::pow(f_px_ / f, kPowers[i]);
+  }
+
+  double middle_[2];
+  double f_px_;  // where coefficients keep their values
+  Eigen::Index n_;
+};
 
 ZoomCalibration padded(ZoomCalibration zoom, int coefficients) {
   const int n = static_cast<int>(zoom.distortion_left.total());
@@ -68,17 +111,17 @@ ZoomCalibration padded(ZoomCalibration zoom, int coefficients) {
   return zoom;
 }
 
-Samples samples_of(const StereoCalibration& calibration, int coefficients) {
+Samples samples_of(const StereoCalibration& calibration, int coefficients,
+                   const SmoothCoordinates& smooth) {
   Samples samples;
   for (const ZoomCalibration& record : calibration.zooms) {
     const ZoomCalibration zoom = padded(record, coefficients);
     const Eigen::VectorXd value = parameter_vector(zoom);
     samples.x.push_back(std::log(zoom.zoom));
-    samples.values.push_back(to_smooth(value, coefficients));
+    samples.values.push_back(smooth.from_parameters(value));
     if (zoom.parameter_covariance.size() == 0) continue;
-    const Eigen::VectorXd slope = slopes(value, coefficients);
-    samples.covariances.emplace_back(slope.asDiagonal() * zoom.parameter_covariance *
-                                     slope.asDiagonal());
+    const Eigen::MatrixXd j = smooth.jacobian(value);
+    samples.covariances.emplace_back(j * zoom.parameter_covariance * j.transpose());
   }
   if (samples.covariances.size() != samples.x.size()) samples.covariances.clear();
   return samples;
@@ -160,11 +203,13 @@ ZoomCalibration calibration_at_zoom(const StereoCalibration& calibration, double
   for (const ZoomCalibration& record : records)
     coefficients = std::max(coefficients, record.distortion_left.total());
   const int n = static_cast<int>(coefficients);
-  const Samples samples = samples_of(calibration, n);
+  const SmoothCoordinates smooth(calibration, n);
+  const Samples samples = samples_of(calibration, n, smooth);
   const auto [weights, others] = weights_at(samples.x, std::log(zoom));
   const Eigen::VectorXd value = combined(samples, weights);
 
-  ZoomCalibration result = with_parameters(padded(records.front(), n), from_smooth(value, n));
+  const Eigen::VectorXd parameters = smooth.to_parameters(value);
+  ZoomCalibration result = with_parameters(padded(records.front(), n), parameters);
   result.zoom = zoom;
   result.focus_mm = 0;
   for (std::size_t k = 0; k < records.size(); ++k) {
@@ -174,10 +219,10 @@ ZoomCalibration calibration_at_zoom(const StereoCalibration& calibration, double
   }
   result.parameter_covariance.resize(0, 0);
   if (samples.covariances.empty()) return result;
-  const Eigen::VectorXd slope = slopes(from_smooth(value, n), n).cwiseInverse();
-  result.parameter_covariance = slope.asDiagonal() *
-                                covariance_of(samples, weights, value - combined(samples, others)) *
-                                slope.asDiagonal();
+  const Eigen::MatrixXd back = smooth.jacobian(parameters).inverse();
+  const Eigen::MatrixXd covariance =
+      back * covariance_of(samples, weights, value - combined(samples, others)) * back.transpose();
+  result.parameter_covariance = 0.5 * (covariance + covariance.transpose());
   return result;
 }
 

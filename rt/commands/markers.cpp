@@ -15,6 +15,7 @@
 #include "bridge/image_file.hpp"
 #include "registration/marker_detection.hpp"
 #include "registration/marker_triangulation.hpp"
+#include "registration/markups.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "rt/commands/commands.hpp"
 #include "rt/core/error.hpp"
@@ -97,7 +98,7 @@ void run(const Options& options) {
       detect_markers(right, dictionary, zoom.camera_matrix_right, zoom.distortion_right), zoom,
       options.markers);
   if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-  bridge::write_file_atomically(options.out, markers_text(set));
+  bridge::write_file_atomically(options.out, markups_text(markups_of(set)));
   print(options, set);
 }
 

@@ -79,8 +79,8 @@ TEST(RealBoards, MrptsPairsAreFoundAndFitOneRig) {
   for (const char* number : {"0", "1", "2", "3"})
     pairs.push_back({folder + number + "_left.jpg", folder + number + "_right.jpg"});
   BoardPattern board;
-  board.columns = 7;
-  board.rows = 9;
+  board.columns = 9;
+  board.rows = 6;
   board.square_mm = 30;
   const BoardSearch search = boards_of(pairs, board);
   EXPECT_EQ(search.views[0].pairs.size(), 4U);

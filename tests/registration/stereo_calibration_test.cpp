@@ -22,10 +22,12 @@ ZoomCalibration at(double zoom, int coefficients = 5) {
   z.zoom = zoom;
   z.focus_mm = 200;
   const double f = 3500 * zoom;
-  z.camera_matrix_left = {f, 0, 1228 + 40 * x, 0, f * 1.001, 1027 - 30 * x * x, 0, 0, 1};
-  z.camera_matrix_right = {f * 1.002, 0, 1220, 0, f, 1030, 0, 0, 1};
+  // Quadratic in log zoom: the principal point as an angle, the distortion in pixels.
+  z.camera_matrix_left = {f, 0, 1227.5 + 0.01 * f * x, 0, f * 1.001, 1026.5 - 0.008 * f * x * x, 0,
+                          0, 1};
+  z.camera_matrix_right = {f * 1.002, 0, 1227.5 - 0.002 * f, 0, f, 1026.5 + 0.001 * f, 0, 0, 1};
   z.distortion_left = cv::Mat::zeros(1, coefficients, CV_64F);
-  z.distortion_left.at<double>(0) = -0.1 + 0.2 * x - 0.1 * x * x;
+  z.distortion_left.at<double>(0) = (-0.1 + 0.1 * x - 0.1 * x * x) * zoom * zoom;
   z.distortion_right = z.distortion_left.clone();
   cv::Rodrigues(cv::Vec3d(0.001, -0.12 + 0.002 * x, 0.003), z.R);
   z.T = {-24, 0.1, 1.5 + x};
@@ -161,6 +163,25 @@ TEST(CalibrationAtZoom, CoversItsOwnErrorWhereTheOpticsAreNotSmooth) {
   EXPECT_GE(smooth(tz, tz), 1e-4);
   EXPECT_GT(std::sqrt(rough(tz, tz)), 0.05);
   EXPECT_GE(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(rough).eigenvalues().minCoeff(), -1e-9);
+}
+
+TEST(CalibrationAtZoom, WhatIsUnknownTogetherStaysTogether) {
+  // A principal point that shifts while its camera turns: known at no zoom, and seen at none.
+  StereoCalibration calibration = microscope();
+  const auto unseen = [](const ZoomCalibration& z) {
+    Eigen::VectorXd direction = Eigen::VectorXd::Zero(24);
+    direction[9 + 2] = 20;  // cx of the right camera, px; R about y
+    direction[19] = -20 / z.camera_matrix_right(0, 0);
+    return direction;
+  };
+  for (ZoomCalibration& z : calibration.zooms)
+    z.parameter_covariance = unseen(z) * unseen(z).transpose();
+  const ZoomCalibration z = calibration_at_zoom(calibration, 1.25);
+  Eigen::VectorXd seen = Eigen::VectorXd::Zero(24);  // cx + f * turn: what an image shows, px
+  seen[9 + 2] = 1;
+  seen[19] = z.camera_matrix_right(0, 0);
+  EXPECT_GT(z.parameter_covariance(11, 11), 20 * 20);
+  EXPECT_LT(std::sqrt(seen.dot(z.parameter_covariance * seen)), 0.05);
 }
 
 TEST(CalibrationAtZoom, RefusesOutsideTheCalibratedRangeUnlessTold) {

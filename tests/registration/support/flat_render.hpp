@@ -13,8 +13,8 @@
 namespace holdfast::registration::test {
 
 struct FlatView {
-  cv::Size size{800, 640};
-  double f_px = 3000;
+  cv::Size size{640, 480};
+  double f_px = 2400;
   Eigen::Isometry3d T_camera_plane = Eigen::Isometry3d::Identity();
   double blur_px = 1.0, noise = 2;
   std::uint32_t seed = 1;
