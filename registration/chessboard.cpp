@@ -126,10 +126,10 @@ std::vector<cv::Point2d> coarse_corners(const cv::Mat& image, const BoardPattern
                                         double scale) {
   const cv::Size size(board.columns, board.rows);
   std::vector<cv::Point2f> found;
-  if (!cv::findChessboardCornersSB(image, size, found, cv::CALIB_CB_NORMALIZE_IMAGE) &&
-      !cv::findChessboardCorners(
-          image, size, found,
-          cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_FAST_CHECK))
+  // Not CALIB_CB_NORMALIZE_IMAGE at first: with it OpenCV misses evenly lit boards.
+  if (!cv::findChessboardCornersSB(image, size, found, 0) &&
+      !cv::findChessboardCornersSB(image, size, found,
+                                   cv::CALIB_CB_EXHAUSTIVE | cv::CALIB_CB_NORMALIZE_IMAGE))
     return {};
   std::vector<cv::Point2d> corners;
   for (const cv::Point2f& p : found)  // pixel centres: (p + 1/2) / scale - 1/2
@@ -152,8 +152,7 @@ void make_right_handed(const BoardPattern& board, std::vector<cv::Point2d>& corn
 cv::Size seen_grid(const cv::Mat& image) {
   std::vector<cv::Point2f> found;
   cv::Mat grid;
-  if (!cv::findChessboardCornersSB(image, cv::Size(3, 3), found,
-                                   cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_LARGER, grid))
+  if (!cv::findChessboardCornersSB(image, cv::Size(3, 3), found, cv::CALIB_CB_LARGER, grid))
     return {0, 0};
   return grid.size();
 }
