@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The calibration over five zooms against a microscope that OpenCV's model does not contain, and
-// on the real stereo boards of opencv-doc and mrpt-common.
+// The calibration on the real stereo boards of opencv-doc and mrpt-common.
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
@@ -10,39 +9,9 @@
 
 #include "registration/calibration_images.hpp"
 #include "registration/calibration_run.hpp"
-#include "tests/registration/support/calibration_scene.hpp"
 
 namespace holdfast::registration {
 namespace {
-
-using test::CalibrationScene;
-
-TEST(CalibrationOverZoom, MeetsItsBoundsAtAndBetweenTheZoomsAndBeatsThePlainRecipe) {
-  double joint = 0, plain = 0;
-  for (const std::uint32_t seed : {11U, 12U}) {
-    test::SceneOptions scene_options;
-    scene_options.seed = seed;
-    const CalibrationScene scene(scene_options);
-    CalibrationOptions options;
-    const auto a = calibrate_stereo(scene.views(), CalibrationScene::kWidth,
-                                    CalibrationScene::kHeight, options, {});
-    options.method = CalibrationMethod::plain;
-    const auto b = calibrate_stereo(scene.views(), CalibrationScene::kWidth,
-                                    CalibrationScene::kHeight, options, {});
-    for (std::size_t z = 0; z < a.zooms.size(); ++z) {
-      const double zoom = a.zooms[z].zoom;
-      const double error_mm = scene.nonrigid_error_mm(a.calibration.zooms[z], zoom);
-      EXPECT_LE(error_mm, 0.03) << "seed " << seed << " zoom " << zoom;
-      EXPECT_LE(error_mm, 3 * a.zooms[z].predicted_nonrigid_mm);
-      joint += error_mm;
-      plain += scene.nonrigid_error_mm(b.calibration.zooms[z], zoom);
-    }
-    for (const double zoom : {1.15, 1.25, 1.35, 1.45})
-      EXPECT_LE(scene.nonrigid_error_mm(calibration_at_zoom(a.calibration, zoom), zoom), 0.05)
-          << "seed " << seed << " zoom " << zoom;
-  }
-  EXPECT_LT(joint, 0.7 * plain);
-}
 
 /// Real pairs, as one zoom.
 BoardSearch boards_of(const std::vector<ImagePair>& pairs, const BoardPattern& board) {
