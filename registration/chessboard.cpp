@@ -113,7 +113,8 @@ int reach_of(const std::vector<cv::Point2d>& corners, const BoardPattern& board)
   double nearest = 1e9;
   for (int r = 0; r < board.rows; ++r)
     for (int c = 0; c < board.columns; ++c) {
-      const auto i = static_cast<std::size_t>(r * board.columns + c);
+      const int index = r * board.columns + c;
+      const auto i = static_cast<std::size_t>(index);
       if (c > 0) nearest = std::min(nearest, cv::norm(corners[i] - corners[i - 1]));
       if (r > 0)
         nearest = std::min(

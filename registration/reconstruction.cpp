@@ -315,7 +315,8 @@ TriangleMesh mesh_of(const Reconstruction& reconstruction, const Rectification& 
   constexpr std::uint32_t kNoVertex = 0xffffffff;
   std::vector<std::uint32_t> above(static_cast<std::size_t>(columns), kNoVertex), now(above);
   TriangleMesh mesh;
-  mesh.vertices_mm.reserve(reconstruction.points / static_cast<std::size_t>(step * step) + 1);
+  mesh.vertices_mm.reserve(
+      reconstruction.points / static_cast<std::size_t>(step) / static_cast<std::size_t>(step) + 1);
   const float edge = static_cast<float>(step) * kSteepest / static_cast<float>(geometry.focal_px());
   const auto add = [&](std::uint32_t a, std::uint32_t b, std::uint32_t c) {
     if (a == kNoVertex || b == kNoVertex || c == kNoVertex) return;

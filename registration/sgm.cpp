@@ -24,7 +24,7 @@ struct Workspace {
   std::vector<std::int16_t> right_choice;
 
   Workspace(int width, int candidates, int right_width)
-      : cost(static_cast<std::size_t>(width * candidates)),
+      : cost(static_cast<std::size_t>(width) * static_cast<std::size_t>(candidates)),
         sum(cost.size()),
         right_cost(static_cast<std::size_t>(right_width)),
         right_choice(right_cost.size()) {

@@ -109,13 +109,15 @@ void FrameSetup::prepare_camera(const RoomShot& shot, Side side) {
   grid.y0_px = shot.region.y - grid.step_px;
   grid.columns = shot.region.width / grid.step_px + 4;
   grid.rows = shot.region.height / grid.step_px + 4;
-  slopes_.resize(3 * static_cast<std::size_t>(grid.columns * grid.rows));
+  slopes_.resize(3 * static_cast<std::size_t>(grid.columns) * static_cast<std::size_t>(grid.rows));
   grid.slopes = slopes_.data();
   tbb::parallel_for(0, grid.rows, [&](int row) {
     for (int column = 0; column < grid.columns; ++column) {
       const SightLine line = channel_->sight_line(
           {grid.x0_px + grid.step_px * column, grid.y0_px + grid.step_px * row});
-      float* out = &slopes_[3 * static_cast<std::size_t>(row * grid.columns + column)];
+      float* out =
+          &slopes_[3 * (static_cast<std::size_t>(row) * static_cast<std::size_t>(grid.columns) +
+                        static_cast<std::size_t>(column))];
       out[0] = static_cast<float>(line.direction.x());
       out[1] = static_cast<float>(line.direction.y());
       out[2] = static_cast<float>(line.origin_mm.z());

@@ -61,7 +61,8 @@ cv::Mat diffractive_dots(std::uint32_t seed, int count, double size_mm,
   const double apart = 2.4 * radius;
   const int columns = static_cast<int>(width / apart) + 1;
   std::vector<std::vector<cv::Point2d>> cells(
-      static_cast<std::size_t>(columns * (static_cast<int>(height / apart) + 1)));
+      static_cast<std::size_t>(columns) *
+      static_cast<std::size_t>(static_cast<int>(height / apart) + 1));
   const auto cell_of = [&](double x, double y) {
     return static_cast<int>(y / apart) * columns + static_cast<int>(x / apart);
   };
