@@ -9,9 +9,9 @@
 namespace holdfast::registration::sgm {
 namespace {
 
-constexpr int kWarmUpRows = 24;       // rows above a band from which its paths come
-constexpr int kBandRows = 256;        // about
-constexpr int kTolerance_16ths = 16;  // of the left-right check
+constexpr int kWarmUpRows = 24;        // rows above a band from which its paths come
+constexpr int kBandRows = 256;         // about
+constexpr int kToleranceIn16ths = 16;  // of the left-right check
 
 int bands_of(int height) {
   return std::max(2, 2 * ((height + kBandRows) / (2 * kBandRows)));
@@ -28,7 +28,8 @@ struct Workspace {
         sum(cost.size()),
         right_cost(static_cast<std::size_t>(right_width)),
         right_choice(right_cost.size()) {
-    for (auto& path : gains) path.resize(static_cast<std::size_t>((width + 2) * candidates));
+    for (auto& path : gains)
+      path.resize(static_cast<std::size_t>(width + 2) * static_cast<std::size_t>(candidates));
   }
   Gains now(bool is_odd) {
     const std::size_t i = is_odd ? 3 : 0;
@@ -40,7 +41,10 @@ struct Workspace {
 /// agree to a candidate.
 void check_from_right(Workspace& work, const std::uint8_t* cost, int width, std::int16_t* choice) {
   std::fill(work.right_cost.begin(), work.right_cost.end(), std::uint8_t{255});
-  const auto column = [&](int x) { return static_cast<std::size_t>(x + ((choice[x] + 8) >> 4)); };
+  const auto column = [&](int x) {
+    const int right = x + ((choice[x] + 8) >> 4);
+    return static_cast<std::size_t>(right);
+  };
   for (int x = 0; x < width; ++x) {
     const std::size_t at = column(x);
     if (cost[x] >= work.right_cost[at]) continue;
@@ -50,7 +54,7 @@ void check_from_right(Workspace& work, const std::uint8_t* cost, int width, std:
   for (int x = 0; x < width; ++x) {
     const std::size_t at = column(x);
     if (work.right_cost[at] == 255 ||
-        std::abs(choice[x] - work.right_choice[at]) > kTolerance_16ths)
+        std::abs(choice[x] - work.right_choice[at]) > kToleranceIn16ths)
       choice[x] = kNone;
   }
 }
@@ -107,7 +111,7 @@ void fill_gaps(const std::int16_t* from, int width, std::int16_t* to) {
 
 void search_windows(const cv::Mat1s& candidate_16ths, cv::Size fine_size, int fine_candidates,
                     WorkerPool& pool, cv::Mat1s& base) {
-  constexpr int kRowsPerTask = 32, kSpanMax_16ths = 5 * 16;
+  constexpr int kRowsPerTask = 32, kSpanMaxIn16ths = 5 * 16;
   const int width = candidate_16ths.cols, height = candidate_16ths.rows;
   base.create(fine_size);
   pool.run((height + kRowsPerTask - 1) / kRowsPerTask, [&](int task) {
@@ -130,7 +134,7 @@ void search_windows(const cv::Mat1s& candidate_16ths, cv::Size fine_size, int fi
             least = std::min<int>(least, row[static_cast<std::size_t>(i)]);
             most = std::max<int>(most, row[static_cast<std::size_t>(i)]);
           }
-        const int centre_16ths = most - least <= kSpanMax_16ths ? (least + most) / 2 : middle[x];
+        const int centre_16ths = most - least <= kSpanMaxIn16ths ? (least + most) / 2 : middle[x];
         const int first = (2 * centre_16ths + 8) / 16 - kBlock / 2 + 1;
         const auto value =
             static_cast<std::int16_t>(std::clamp(first, 0, fine_candidates - kBlock));

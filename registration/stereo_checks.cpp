@@ -40,7 +40,7 @@ std::optional<double> row_offset(const cv::Mat1b& left, const cv::Mat1b& right, 
   cv::Matx44d A = cv::Matx44d::zeros();
   cv::Vec4d b(0, 0, 0, 0);
   const int column = static_cast<int>(std::floor(offset_px));
-  const double share = offset_px - static_cast<float>(column);
+  const double share = static_cast<double>(offset_px) - column;
   for (int y = y0 - kRadius; y <= y0 + kRadius; ++y)
     for (int x = x0 - kRadius; x <= x0 + kRadius; ++x) {
       const auto at = [&](int dx, int dy) {

@@ -21,9 +21,9 @@ using Images = std::vector<cv::Mat1b>;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr int kRowsPerTask = 32;
-constexpr int kAmbiguousMargin = 6;     // of 255: a rival as good as the winner
-constexpr float kClearMargin = 64;      // of 255: confidence 1
-constexpr int kSpeckleStep_16ths = 16;  // neighbours of one piece differ by at most a candidate
+constexpr int kAmbiguousMargin = 6;      // of 255: a rival as good as the winner
+constexpr float kClearMargin = 64;       // of 255: confidence 1
+constexpr int kSpeckleStepIn16ths = 16;  // neighbours of one piece differ by at most a candidate
 
 /// Both views of all shots on one level of the pyramid.
 struct Level {
@@ -99,7 +99,7 @@ void drop_uncertain(const MatchParameters& parameters, sgm::LevelResult& result)
     for (int x = 0; x < result.cost.cols; ++x)
       if (result.margin(y, x) < parameters.margin_min) result.candidate_16ths(y, x) = sgm::kNone;
   const int smallest = parameters.speckle_min_px >> (2 * parameters.finest_level);
-  cv::filterSpeckles(result.candidate_16ths, sgm::kNone, smallest, kSpeckleStep_16ths);
+  cv::filterSpeckles(result.candidate_16ths, sgm::kNone, smallest, kSpeckleStepIn16ths);
 }
 
 /// Offsets on the full grid, where both raw images have pixels.
@@ -177,7 +177,7 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
 /// SGBM's own answer; the variance is that of its parabola as measured on Middlebury's motorcycle.
 DisparityMap match_opencv(const RectifiedPair& pair, DisparityRange range) {
   constexpr int kBlockSize = 3;
-  constexpr float kVariance_px2 = 0.1F;
+  constexpr float kVariancePx2 = 0.1F;
   const auto start = Clock::now();
   const auto matcher =
       cv::StereoSGBM::create(0, range.count, kBlockSize, 8 * kBlockSize * kBlockSize,
@@ -201,7 +201,7 @@ DisparityMap match_opencv(const RectifiedPair& pair, DisparityRange range) {
       if (d_16ths < 0 || column < in_right.start || column >= in_right.end) continue;
       map.disparity_px(y, x) =
           static_cast<float>(d_16ths) / 16 + static_cast<float>(range.minimum_px - 1);
-      map.variance_px2(y, x) = kVariance_px2;
+      map.variance_px2(y, x) = kVariancePx2;
       map.confidence(y, x) = 1;
     }
   }
@@ -212,11 +212,11 @@ DisparityMap match_opencv(const RectifiedPair& pair, DisparityRange range) {
 }  // namespace
 
 MatchParameters match_parameters_for(cv::Size image_px) {
-  constexpr int kSmall_px = 600'000, kLarge_px = 2'000'000;
+  constexpr int kSmallPx = 600'000, kLargePx = 2'000'000;
   MatchParameters parameters;
   const int pixels = image_px.area();
-  parameters.coarsest_level = pixels < kSmall_px ? 0 : pixels < kLarge_px ? 1 : 2;
-  parameters.finest_level = pixels < kLarge_px ? 0 : 1;
+  parameters.coarsest_level = pixels < kSmallPx ? 0 : pixels < kLargePx ? 1 : 2;
+  parameters.finest_level = pixels < kLargePx ? 0 : 1;
   parameters.refinement.radius_px = parameters.finest_level > 0 ? 9 : 4;
   parameters.margin_min = parameters.finest_level > 0 ? 8 : 3;
   parameters.sigma_max_px = parameters.finest_level > 0 ? 0.8 : 1.5;

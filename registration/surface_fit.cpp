@@ -16,8 +16,9 @@ namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
-constexpr int kIterationsMax = 60;
-constexpr double kStepMinSquared = 1e-3;  // in standard deviations: 3 % of one
+constexpr int kIterationsMax = 30;
+constexpr double kStepMinSquared = 1e-2;  // in standard deviations: a tenth of one
+constexpr double kHopMaxSquared = 0.25;   // half of one
 constexpr int kFieldAgain = 3;            // iteration
 constexpr double kGate = 4;  // robust standard deviations beyond which a point does not vote
 constexpr double kMadToSigma = 1.4826;
@@ -262,6 +263,13 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
     if (!step.allFinite()) return fit;
     fit.T_camera_ct = moved(fit.T_camera_ct, step);
     fit.covariance = normal.solve(Matrix6d::Identity());
+    const double step_squared = step.dot(information * step);
+    if (i < kFieldAgain || step_squared > kStepMinSquared) {
+      // Points hop between triangles, so a small step may never vanish: then the rest is
+      // uncertainty.
+      if (i + 1 < kIterationsMax || step_squared > kHopMaxSquared) continue;
+      fit.covariance *= 1 + step_squared;
+    }
     summarise(on_surface, start, fit);
     fit.p_value = p_value_of_shift(difference(start.T_camera_ct, fit.T_camera_ct), start.covariance,
                                    fit.covariance);

@@ -127,7 +127,7 @@ ClosestPoint TriangleTree::closest(const Vector3d& p_mm, double within_mm) const
   stack[depth++] = 0;
   while (depth > 0) {
     const Node& node = nodes_[stack[--depth]];
-    const double reach = std::max(0.F, node.box.exteriorDistance(p) - slack);
+    const double reach = static_cast<double>(std::max(0.F, node.box.exteriorDistance(p) - slack));
     if (reach * reach > best_squared) continue;
     if (node.count == 0) {
       const bool is_left_nearer = nodes_[node.first].box.squaredExteriorDistance(p) <

@@ -24,7 +24,7 @@
 namespace holdfast::rt {
 namespace {
 
-using namespace registration;
+using namespace registration;  // NOLINT(google-build-using-namespace): one room, throughout
 
 constexpr const char* kExample =
     "Example: five zooms, about 19 pairs each, of a board with 9x5 inner corners\n"

@@ -23,7 +23,7 @@
 namespace holdfast::rt {
 namespace {
 
-using namespace registration;
+using namespace registration;  // NOLINT(google-build-using-namespace): one room, throughout
 
 constexpr const char* kExample =
     "Example: the beads 1 mm below four 4x4 markers, from a pair taken with the pattern off\n"

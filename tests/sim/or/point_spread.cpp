@@ -49,7 +49,7 @@ void gaussian_blur(const cv::Mat_<float>& in, double sigma_px, cv::Mat_<float>& 
   const kernel::Kernel& k = kernel::best_kernel();
   tbb::parallel_for(0, (in.rows + kBand - 1) / kBand, [&](int band) {
     std::vector<const float*> rows(weights.size());
-    std::vector<float> padded(static_cast<std::size_t>(n + 2 * radius));
+    std::vector<float> padded(static_cast<std::size_t>(n) + 2 * static_cast<std::size_t>(radius));
     for (int y = band * kBand; y < std::min(in.rows, (band + 1) * kBand); ++y) {
       for (int i = -radius; i <= radius; ++i)
         rows[static_cast<std::size_t>(i + radius)] = source[std::clamp(y + i, 0, in.rows - 1)];
