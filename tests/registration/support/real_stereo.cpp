@@ -97,7 +97,7 @@ DisparityErrors errors_of(const cv::Mat1f& disparity_px, const cv::Mat1f& truth_
     for (int x = 0; x < truth_px.cols; ++x) {
       if (std::isnan(truth_px(y, x))) continue;
       ++known;
-      const double error = std::abs(disparity_px(y, x) - truth_px(y, x));
+      const double error = static_cast<double>(std::abs(disparity_px(y, x) - truth_px(y, x)));
       if (std::isnan(error)) continue;
       errors.push_back(error);
       if (error > 2) ++bad;
