@@ -4,6 +4,7 @@
 #include <ctime>
 #include <memory>
 #include <string>
+#include <utility>
 
 #include <fmt/core.h>
 #include <nlohmann/json.hpp>
@@ -40,7 +41,7 @@ class Half {
                   const std::uint64_t number = line.number_at(t);
                   return static_cast<std::size_t>(number == 0 ? 0 : number - 1);
                 }),
-        camera_(with_line(parameters, line), frames_),
+        camera_(with_line(std::move(parameters), line), frames_),
         control_(camera_, nullptr, [](nanoseconds, const std::string&, const std::string&) {}) {}
 
   nanoseconds run(std::string_view line) { return control_.run(line); }
