@@ -20,8 +20,8 @@ constexpr double kHighestMetalHu = 30'000;
 
 /// Parameters: centre (3), log blur, log elongation, background, contrast; then, where a flat side
 /// is near, its step and the plane p·x - q in units of its own blur.
-constexpr int kCentre = 0, kBlur = 3, kLong = 4, kBackground = 5, kContrast = 6, kStep = 7,
-              kPlane = 8, kOffset = 11;
+constexpr int kBlur = 3, kLong = 4, kBackground = 5, kContrast = 6, kStep = 7, kPlane = 8,
+              kOffset = 11;
 constexpr int kBallOnly = 7, kWithSide = 12;
 
 struct Voxel {
