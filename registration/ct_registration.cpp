@@ -157,14 +157,13 @@ FiducialSet fiducial_set(const RegistrationInput& input, const IndexPairs& pairs
   return set;
 }
 
-MaybeRefusal judge_status(const RigidFit& fit) {
+MaybeRefusal judge_status(const RigidFit& fit, std::size_t pairs) {
   switch (fit.status) {
     case FitStatus::fitted:
       return {};
     case FitStatus::too_few:
-      return Refusal{
-          RegistrationStatus::too_few_fiducials,
-          fmt::format("{} pairs of fiducials, at least 3 are needed", fit.residuals_mm.size())};
+      return Refusal{RegistrationStatus::too_few_fiducials,
+                     fmt::format("{} fiducials correspond, at least 3 must", pairs)};
     case FitStatus::collinear:
       return Refusal{RegistrationStatus::collinear,
                      "the fiducials lie in a line: the rotation about it is not determined"};
@@ -270,13 +269,9 @@ MaybeRefusal run(const RegistrationInput& input, CtRegistration& result) {
   IndexPairs pairs = by_label(input);
   if (pairs.empty())
     if (auto refusal = by_geometry(input, pairs)) return refusal;
-  if (pairs.size() < 3)
-    return Refusal{
-        RegistrationStatus::too_few_fiducials,
-        fmt::format("{} labels are common to CT and camera, at least 3 are needed", pairs.size())};
   const FiducialSet set = fiducial_set(input, pairs, result);
   result.fiducial_fit = fit_rigid(set);
-  if (auto refusal = judge_status(result.fiducial_fit)) return refusal;
+  if (auto refusal = judge_status(result.fiducial_fit, set.pairs.size())) return refusal;
   if (auto refusal = judge_fit(set, input.limits, result)) return refusal;
   if (auto refusal = fuse(input, result)) return refusal;
 

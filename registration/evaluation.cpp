@@ -5,12 +5,12 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
-#include <random>
 
 #include <fmt/format.h>
 #include <nanoflann.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "registration/point_sample.hpp"
 #include "registration/triangle_tree.hpp"
 
 namespace holdfast::registration {
@@ -47,15 +47,6 @@ std::vector<Eigen::Vector3d> points_in_region(const TriangleMesh& surface,
     if (!options.region_mm || options.region_mm->contains(p)) points.push_back(p);
   }
   return points;
-}
-
-/// The first `count` of a Fisher-Yates shuffle whose draws do not depend on the standard library.
-void draw(std::vector<Eigen::Vector3d>& points, std::size_t count, std::uint64_t seed) {
-  if (count >= points.size()) return;
-  std::mt19937_64 random{seed};
-  for (std::size_t i = 0; i < count; ++i)
-    std::swap(points[i], points[i + random() % (points.size() - i)]);
-  points.resize(count);
 }
 
 void draw_scale(cv::Mat& image, double scale_max_mm) {

@@ -14,8 +14,8 @@ namespace holdfast::registration {
 namespace {
 
 constexpr int kIterationsMax = 50;
-constexpr double kStepMin = 1e-12;
-constexpr double kRegion = 0.95;  // the region whose coverage the covariance is to keep
+constexpr double kStepMinMm = 1e-10;  // a rotation's step counts as mm at 100 mm
+constexpr double kRegion = 0.95;      // the region whose coverage the covariance is to keep
 // Points whose spread about their best line is below this part of their spread along it are a line:
 // the rotation about it then carries a hundred times the others' error.
 constexpr double kLineRatioMin = 0.01;
@@ -24,16 +24,6 @@ Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
   Eigen::Matrix3d m;
   m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
   return m;
-}
-
-Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Eigen::Matrix<double, 6, 1>& step) {
-  Eigen::Isometry3d result = T;
-  const double angle_rad = step.tail<3>().norm();
-  if (angle_rad > 0)
-    result.linear() =
-        Eigen::AngleAxisd{angle_rad, step.tail<3>() / angle_rad}.toRotationMatrix() * T.linear();
-  result.translation() += step.head<3>();
-  return result;
 }
 
 bool is_a_line(const Eigen::Matrix3Xd& points) {
@@ -95,13 +85,12 @@ bool refine(const Problem& problem, RigidFit& fit) {
     const Eigen::MatrixXd J = noise.matrixL().solve(problem.jacobian(fit.T_camera_ct));
     const Eigen::VectorXd y = noise.matrixL().solve(problem.residual(fit.T_camera_ct));
     const Eigen::LDLT<Matrix6d> normal{Matrix6d{J.transpose() * J}};
-    const Eigen::Matrix<double, 6, 1> step = normal.solve(J.transpose() * y);
+    const Vector6d step = normal.solve(J.transpose() * y);
     if (!step.allFinite()) return false;
     fit.T_camera_ct = moved(fit.T_camera_ct, step);
     fit.covariance = normal.solve(Matrix6d::Identity());
     fit.chi_squared = y.squaredNorm();
-    // The scale of a rotation step is mm at 100 mm, that of a translation step mm.
-    if (step.head<3>().norm() + 100 * step.tail<3>().norm() < kStepMin * 100) return true;
+    if (step.head<3>().norm() + 100 * step.tail<3>().norm() < kStepMinMm) return true;
   }
   return false;
 }
@@ -133,6 +122,16 @@ Eigen::Isometry3d horn(const Eigen::Matrix3Xd& p_camera, const Eigen::Matrix3Xd&
   T.linear() = Eigen::Quaterniond{q(0), q(1), q(2), q(3)}.normalized().toRotationMatrix();
   T.translation() = mean_camera - T.linear() * mean_ct;
   return T;
+}
+
+Eigen::Isometry3d moved(const Eigen::Isometry3d& T_camera_ct, const Vector6d& step) {
+  Eigen::Isometry3d result = T_camera_ct;
+  const double angle_rad = step.tail<3>().norm();
+  if (angle_rad > 0)
+    result.linear() = Eigen::AngleAxisd{angle_rad, step.tail<3>() / angle_rad}.toRotationMatrix() *
+                      T_camera_ct.linear();
+  result.translation() += step.head<3>();
+  return result;
 }
 
 Eigen::Matrix<double, 3, 6> point_jacobian(const Eigen::Isometry3d& T_camera_ct,

@@ -13,6 +13,7 @@
 namespace holdfast::registration {
 
 using Matrix6d = Eigen::Matrix<double, 6, 6>;
+using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 /// One fiducial seen in both frames, mm. Covariances in the axes of their own frame.
 struct FiducialPair {
@@ -73,6 +74,9 @@ struct RigidFit {
 /// a set without covariances.
 [[nodiscard]] Eigen::MatrixXd fiducial_noise(const FiducialSet& fiducials,
                                              const Eigen::Isometry3d& T_camera_ct);
+
+/// The pose after a step (dt, r): Exp(r)·R and t + dt.
+[[nodiscard]] Eigen::Isometry3d moved(const Eigen::Isometry3d& T_camera_ct, const Vector6d& step);
 
 /// d(p_camera)/d(dt, r) of a point of the CT (3x6), order as in RigidFit::covariance.
 [[nodiscard]] Eigen::Matrix<double, 3, 6> point_jacobian(const Eigen::Isometry3d& T_camera_ct,

@@ -4,17 +4,16 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <random>
 #include <tuple>
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <boost/math/distributions/chi_squared.hpp>
 
+#include "registration/point_sample.hpp"
+
 namespace holdfast::registration {
 namespace {
-
-using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 constexpr int kIterationsMax = 30;
 constexpr double kStepMinSquared = 1e-2;  // in standard deviations: a tenth of one
@@ -34,17 +33,6 @@ double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
-}
-
-std::vector<Eigen::Vector3d> drawn(const std::vector<Eigen::Vector3d>& points,
-                                   const SurfaceFitOptions& options) {
-  std::vector<Eigen::Vector3d> result = points;
-  if (options.points >= result.size()) return result;
-  std::mt19937_64 random{options.seed};
-  for (std::size_t i = 0; i < options.points; ++i)
-    std::swap(result[i], result[i + random() % (result.size() - i)]);
-  result.resize(options.points);
-  return result;
 }
 
 std::vector<Contact> contacts(const std::vector<Eigen::Vector3d>& p_camera_mm,
@@ -176,16 +164,6 @@ double likeliest_field_mm(const Model& model, double field_min_mm) {
   return best;
 }
 
-Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Vector6d& step) {
-  Eigen::Isometry3d result = T;
-  const double angle_rad = step.tail<3>().norm();
-  if (angle_rad > 0)
-    result.linear() =
-        Eigen::AngleAxisd{angle_rad, step.tail<3>() / angle_rad}.toRotationMatrix() * T.linear();
-  result.translation() += step.head<3>();
-  return result;
-}
-
 /// The step (dt, r) that leads from `from` to `to`.
 Vector6d difference(const Eigen::Isometry3d& from, const Eigen::Isometry3d& to) {
   const Eigen::AngleAxisd turn{Eigen::Matrix3d{to.linear() * from.linear().transpose()}};
@@ -237,7 +215,8 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
                         const TriangleTree& ct, const SurfaceFitOptions& options) {
   SurfaceFit fit;
   fit.T_camera_ct = start.T_camera_ct;
-  const std::vector<Eigen::Vector3d> points = drawn(p_camera_mm, options);
+  std::vector<Eigen::Vector3d> points = p_camera_mm;
+  draw(points, options.points, options.seed);
   const Matrix6d prior = start.covariance.ldlt().solve(Matrix6d::Identity());
   for (int i = 0; i < kIterationsMax; ++i) {
     std::vector<Contact> on_surface = contacts(points, ct, fit.T_camera_ct, options.within_mm);

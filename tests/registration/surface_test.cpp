@@ -218,6 +218,17 @@ TEST_F(FuseSurface, HelpsAPoorRegistrationAndKeepsItsRegionTrue) {
   EXPECT_GE(contained, 52) << "of 60; 57 expected";
 }
 
+TEST_F(FuseSurface, FindsTheSurfaceFromAMillimetreAway) {
+  std::mt19937_64 random{25};
+  RigidFit vague;
+  vague.status = FitStatus::fitted;
+  vague.T_camera_ct = Eigen::Translation3d{0.7, -0.5, 0.6} * kTruth;
+  vague.covariance = (Vector6d{} << 1, 1, 1, 1e-4, 1e-4, 1e-4).finished().asDiagonal();
+  const SurfaceFit fit = fuse_surface(vague, reconstruction(random), ct(), {});
+  ASSERT_EQ(fit.status, SurfaceFitStatus::fused);
+  EXPECT_LT(target_error_mm(fit.T_camera_ct), 0.1);
+}
+
 TEST_F(FuseSurface, DoesNotHarmAGoodRegistration) {
   RecordProperty("requirement", "SR-87");
   std::mt19937_64 random{22};
@@ -227,9 +238,7 @@ TEST_F(FuseSurface, DoesNotHarmAGoodRegistration) {
     RigidFit good;
     good.status = FitStatus::fitted;
     good.T_camera_ct = kTruth;
-    good.covariance = (Eigen::Matrix<double, 6, 1>() << 1e-4, 1e-4, 1e-4, 1e-8, 1e-8, 1e-8)
-                          .finished()
-                          .asDiagonal();
+    good.covariance = (Vector6d{} << 1e-4, 1e-4, 1e-4, 1e-8, 1e-8, 1e-8).finished().asDiagonal();
     const SurfaceFit fit = fuse_surface(good, reconstruction(random), ct(), {});
     ASSERT_EQ(fit.status, SurfaceFitStatus::fused);
     after += std::pow(target_error_mm(fit.T_camera_ct), 2);
