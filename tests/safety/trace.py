@@ -21,6 +21,9 @@ import sys
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent))
+from skipped_tests import reason_of  # noqa: E402 (the folder above)
+
 ID = re.compile(r"\b(?:SR|H)-\d+\b")
 
 
@@ -91,8 +94,9 @@ def read_results(paths, requirements):
             if case.find("failure") is not None or case.find("error") is not None:
                 problems.append(f"{test}: failed")
                 continue
-            if case.find("skipped") is not None or case.get("status") == "notrun":
-                problems.append(f"{test}: skipped")
+            skip_reason = reason_of(case)
+            if skip_reason is not None or case.get("status") == "notrun":
+                problems.append(f"{test}: skipped: {skip_reason or 'not run'}")
                 continue
             for requirement in tagged_ids(case):
                 if requirement not in requirements:

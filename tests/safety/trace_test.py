@@ -68,7 +68,9 @@ class TraceTest(unittest.TestCase):
                             *self.run_trace(BOTH + [case("C", TAG.format("SR-99"))]))
 
     def test_refuses_a_skipped_test(self):
-        self.assert_problem("Gate.C: skipped", *self.run_trace(BOTH + [case("C", "<skipped/>")]))
+        self.assert_problem("Gate.C: skipped: no reason given", *self.run_trace(BOTH + [case("C", "<skipped/>")]))
+        self.assert_problem("Gate.C: skipped: no AVX2 here",
+                            *self.run_trace(BOTH + [case("C", '<skipped message="no AVX2 here"/>')]))
 
     def test_refuses_a_disabled_test(self):
         self.assert_problem("Gate.C: skipped", *self.run_trace(BOTH + [case("C", "", "notrun")]))
