@@ -70,10 +70,12 @@ void show(const Options& options) {
 
 void add_project(CLI::App& app) {
   const auto options = std::make_shared<Options>();
-  CLI::App& command =
-      *app.add_subcommand("project",
-                          "A pattern on the projector, pixel for pixel, until interrupted.\n"
-                          "Example: holdfast project --pattern pattern.png --display 1");
+  CLI::App& command = *app.add_subcommand(
+      "project", "A pattern on the projector, pixel for pixel, until interrupted.");
+  command.footer(
+      "Example: dots on the second display\n"
+      "  holdfast pattern --dots 4 --distance 3 --out dots.png\n"
+      "  holdfast project --pattern dots.png --display 1");
   auto* pattern =
       command.add_option("--pattern", options->pattern, "8-bit grey image of the display's size");
   command.add_option("--display", options->projector.display, "see --list")
