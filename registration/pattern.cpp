@@ -28,11 +28,12 @@ void draw_disc(cv::Mat& image, double x, double y, double diameter_px) {
   for (int row = box.y; row < box.y + box.height; ++row)
     for (int column = box.x; column < box.x + box.width; ++column) {
       int inside = 0;
-      for (int tap = 0; tap < kTaps * kTaps; ++tap) {
-        const double u = column - 0.5 + (tap % kTaps + 0.5) / kTaps - x;
-        const double v = row - 0.5 + (static_cast<double>(tap / kTaps) + 0.5) / kTaps - y;
-        inside += u * u + v * v <= radius * radius ? 1 : 0;
-      }
+      for (int down = 0; down < kTaps; ++down)
+        for (int across = 0; across < kTaps; ++across) {
+          const double u = column - 0.5 + (across + 0.5) / kTaps - x;
+          const double v = row - 0.5 + (down + 0.5) / kTaps - y;
+          inside += u * u + v * v <= radius * radius ? 1 : 0;
+        }
       auto& pixel = image.at<std::uint8_t>(row, column);
       pixel = std::max(pixel, static_cast<std::uint8_t>(255 * inside / (kTaps * kTaps)));
     }

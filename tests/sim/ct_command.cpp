@@ -99,10 +99,11 @@ void run(Options options) {
   for (const std::string& fault : options.faults) {
     if (fault == "tilt")
       options.scanner.gantry_tilt_deg = kTiltDeg;
-    else if (fault == "filling")
-      phantom = with_filling(std::move(phantom),
-                             phantom.p_focus_ct_mm - kFillingBelowFocusMm * phantom.n_view_ct);
-    else
+    else if (fault == "filling") {
+      const Eigen::Vector3d p_filling_ct_mm =
+          phantom.p_focus_ct_mm - kFillingBelowFocusMm * phantom.n_view_ct;
+      phantom = with_filling(std::move(phantom), p_filling_ct_mm);
+    } else
       files.faults.insert(file_faults.at(fault));
   }
   const CtVolume volume = scan(phantom, options.scanner);
