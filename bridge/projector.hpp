@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // The pattern projector: an 8-bit grey image on an output of its own, on or off, and when it was
 // surely dark, so that frames which may show the pattern can be told from those which cannot.
+// `holdfast project` is the one user so far. No program asks state() or may_be_lit() yet; above all
+// not the daemon, so the pattern must be off while it tracks.
 #pragma once
 
 #include <chrono>

@@ -9,6 +9,9 @@
 // trigger's, skewed; else the older one has no partner. Beside the stamps the frame ids are
 // watched: from pair to pair both must advance alike, but for frames that were reported missing.
 // Constant delays of a camera (readout_delay) that are not configured show as skew.
+//
+// No program of ours reads from it yet: `calibrate` and `reconstruct` take image files, and the
+// daemon has one camera.
 #pragma once
 
 #include <memory>

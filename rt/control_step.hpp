@@ -87,8 +87,8 @@ struct ControlOutput {
 
 /// One cycle. Everything wrong with the readings ends as a reason of the decision:
 /// - faults of all arrivals count, however many came since the previous cycle;
-/// - one measured against another keyframe than the registration's is not taken in (tracking_lost);
 /// - a lost estimate does not correct the filter; a degraded one does, and is marked;
+/// - one measured against another keyframe than the registration's is not taken in (tracking_lost);
 /// - one that contradicts the filter is not taken in (pose_jump); should all that follow contradict
 ///   too, the filter starts anew after PoseFilterParameters::gap_max, long after the gate latched;
 /// - one that is older than its predecessor is dropped (frame_time_invalid); one that is not a

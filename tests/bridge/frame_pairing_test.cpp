@@ -102,7 +102,6 @@ TEST_F(Pairing, GivesAFrameUpAfterTheTimeoutWithoutAnotherOne) {
 TEST_F(Pairing, ASideThatIsFullGivesItsOldestUp) {
   for (int k = 1; k <= 3; ++k) add(Side::left, k);
   EXPECT_TRUE(seen.empty());
-  now += nanoseconds(0);
   add(Side::left, 4);
   EXPECT_EQ(matches(), std::vector{Match::right_missing});
   EXPECT_EQ(seen[0].left->t_exposure, 1 * kPeriod);

@@ -104,9 +104,15 @@ TEST_F(ProjectorWindow, ShowsThePatternPixelForPixelAndBlackWhenOff) {
 
 TEST_F(ProjectorWindow, RefusesAPatternOfAnotherSizeAndKeepsTheOldOne) {
   SdlProjector projector({.display = 0});
+  const cv::Mat pattern = random_pattern(6);
+  projector.show(pattern);
   EXPECT_THROW(projector.show(cv::Mat::zeros(480, 640, CV_8UC1)), InputError);
   EXPECT_THROW(projector.show(cv::Mat::zeros(kScreen, CV_8UC3)), InputError);
-  EXPECT_FALSE(projector.state().is_on);
+  EXPECT_TRUE(projector.state().is_on);
+  EXPECT_TRUE(eventually([&] {
+    projector.service();
+    return is_shown(screen->read(), pattern);
+  }));
 }
 
 TEST_F(ProjectorWindow, NamesTheDisplaysWhenTheOneAskedForIsNotThere) {

@@ -2,6 +2,7 @@
 // The publishing thread's work over real DDS: what a robot hears of each decision.
 #include "rt/publisher.hpp"
 
+#include <optional>
 #include <type_traits>
 #include <vector>
 
@@ -45,6 +46,17 @@ class PublisherTest : public ::testing::Test {
   void collect() {
     for (const msg::MotionStop& stop : stops.take()) heard_stops.push_back(stop);
     for (const msg::CompensatedPose& pose : poses.take()) heard_poses.push_back(pose);
+  }
+  /// The first health message of the next run; empty when none comes.
+  std::optional<msg::TrackingHealth> run_and_hear_health() {
+    if (!dds::eventually([&] { return health.status().matched == 1; })) return std::nullopt;
+    run();
+    std::optional<msg::TrackingHealth> first;
+    dds::eventually([&] {
+      if (const auto heard = health.take(); !heard.empty()) first = heard.front();
+      return first.has_value();
+    });
+    return first;
   }
 
   Publisher publisher{config_for_test(), safety::RegistrationInput{}, [] {
@@ -125,14 +137,9 @@ TEST_F(PublisherTest, SendsNoPoseThatIsOlderThanAWithdrawal) {
 TEST_F(PublisherTest, SaysWithEachHealthMessageThatItIsNotRealTime) {
   RecordProperty("requirement", "SR-75");
   estimates.publish({});
-  ASSERT_TRUE(dds::eventually([&] { return health.status().matched == 1; }));
-  run();
-  std::vector<msg::TrackingHealth> heard;
-  ASSERT_TRUE(dds::eventually([&] {
-    for (const auto& message : health.take()) heard.push_back(message);
-    return !heard.empty();
-  }));
-  EXPECT_TRUE(safety::ReasonSet{heard.front().advisories}.contains(Reason::not_real_time));
+  const auto heard = run_and_hear_health();
+  ASSERT_TRUE(heard);
+  EXPECT_TRUE(safety::ReasonSet{heard->advisories}.contains(Reason::not_real_time));
 }
 
 TEST_F(PublisherTest, HealthCarriesTheJudgedUncertaintyAndTheKeyframesRegistration) {
@@ -144,15 +151,10 @@ TEST_F(PublisherTest, HealthCarriesTheJudgedUncertaintyAndTheKeyframesRegistrati
   StampedEstimate estimate;
   estimate.registration_id = 0xFEDC'BA98'7654'3210U;
   estimates.publish(estimate);
-  ASSERT_TRUE(dds::eventually([&] { return health.status().matched == 1; }));
-  run();
-  std::vector<msg::TrackingHealth> heard;
-  ASSERT_TRUE(dds::eventually([&] {
-    for (const auto& message : health.take()) heard.push_back(message);
-    return !heard.empty();
-  }));
-  EXPECT_EQ(heard.front().sigma_target_mm, 0.123);
-  EXPECT_EQ(heard.front().registration_id, 0xFEDC'BA98'7654'3210U);
+  const auto heard = run_and_hear_health();
+  ASSERT_TRUE(heard);
+  EXPECT_EQ(heard->sigma_target_mm, 0.123);
+  EXPECT_EQ(heard->registration_id, 0xFEDC'BA98'7654'3210U);
 }
 
 TEST_F(PublisherTest, AnnouncesTheRegistrationToLateJoiners) {
