@@ -296,7 +296,13 @@ Reconstruction Reconstructor::reconstruct(std::span<const StereoShot> shots) {
   const bool is_refused = conclude(impl_->judge_result(map, shots, result));
   result.times = {rectified - start, map.match_time, map.refine_time, Clock::now() - matched,
                   Clock::now() - start};
-  if (is_refused) result.points_mm.release();
+  if (is_refused) {
+    result.disparity_px.release();
+    result.depth_mm.release();
+    result.depth_variance_mm2.release();
+    result.confidence.release();
+    result.points_mm.release();
+  }
   return result;
 }
 
