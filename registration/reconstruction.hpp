@@ -2,6 +2,11 @@
 // A raw stereo pair (or a burst of them) to the metric surface under the microscope: paper A's
 // MiRe. Everything is in the rectified left frame (p = R1 · p_camera; x right, y down, z forward,
 // mm). Bad input is refused with a status and its evidence; what cannot be known is NaN.
+//
+// It does not safely detect period slip. On a pattern that repeats along the rows (paper A's
+// lattice) whole patches can come out a period too near or too far, with status `done` and a small
+// variance; tests/registration/reconstruction_test.cpp has such scenes. What prevents it is an
+// aperiodic pattern (pattern.hpp's default), not this check.
 #pragma once
 
 #include <chrono>
@@ -28,7 +33,7 @@ enum class ReconstructionStatus {
   no_pattern,     ///< too little texture: the pattern is not projected, or out of focus
   views_swapped,  ///< left and right
   wrong_optics,   ///< the views do not lie on one another's rows: another zoom, another rig
-  period_slip,    ///< the pattern repeats: another match would be as good
+  period_slip,    ///< so many rivals are as good that the pattern must repeat; most slips pass
   no_surface      ///< too few consistent matches
 };
 [[nodiscard]] std::string_view name(ReconstructionStatus status) noexcept;
@@ -58,14 +63,15 @@ struct ReconstructionTimes {
 struct Reconstruction {
   ReconstructionStatus status = ReconstructionStatus::no_surface;
   std::string evidence;  ///< one clause: measured value, limit, unit; empty when done
-  cv::Rect region_px;    ///< of the rectified left grid; the maps below have its size
+  cv::Rect region_px;    ///< of the rectified left grid; the maps below have its size when done,
+                         ///< and are empty when not: a refusal hands out no surface
   cv::Mat1f disparity_px, depth_mm, depth_variance_mm2;  ///< NaN where unknown
   cv::Mat1f confidence;                                  ///< 0 … 1; 0 where unknown
   cv::Mat3f points_mm;                                   ///< rectified left; NaN where unknown
   std::size_t points = 0;
   double density = 0;                ///< share of the region that is known
   double vertical_disparity_px = 0;  ///< rms over the image; what the calibration leaves
-  double ambiguous_share = 0;
+  double ambiguous_share = 0;        ///< of the matches; small does not mean that none slipped
   ReconstructionTimes times;
 };
 

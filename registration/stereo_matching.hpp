@@ -54,8 +54,9 @@ struct DisparityMap {
   cv::Mat1f disparity_px;  ///< NaN where unknown
   cv::Mat1f variance_px2;  ///< of the disparity; NaN where unknown
   cv::Mat1f confidence;    ///< 0 … 1: how far the best candidate was ahead of its rivals
-  double ambiguous_share =
-      0;  ///< of the matched pixels, those with a rival as good (all candidates)
+  /// Of the matched pixels, those with a rival as good among all candidates. A hint only: a slip
+  /// that all neighbours share has no rival left.
+  double ambiguous_share = 0;
   std::chrono::nanoseconds match_time{0}, refine_time{0};
 };
 
