@@ -22,6 +22,7 @@ void WorkerPool::run(int count, const std::function<void(int)>& task) {
     task_ = &task;
     next_ = 0;
     count_ = count;
+    failed_ = count;
     failure_ = nullptr;
     working_ = 1;
   }
@@ -56,8 +57,11 @@ void WorkerPool::work() {
       lock.lock();
     } catch (...) {
       lock.lock();
-      failure_ = std::current_exception();
       next_ = count_;
+      // Numbers are handed out in order: whatever is smaller has begun before, and will report too.
+      if (mine >= failed_) continue;
+      failed_ = mine;
+      failure_ = std::current_exception();
     }
   }
   if (--working_ == 0) is_done_.notify_all();

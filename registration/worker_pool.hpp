@@ -4,6 +4,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <exception>
 #include <functional>
 #include <mutex>
 #include <thread>
@@ -19,8 +20,9 @@ class WorkerPool {
   WorkerPool(const WorkerPool&) = delete;
   WorkerPool& operator=(const WorkerPool&) = delete;
 
-  /// Runs task(0) … task(count - 1), in no fixed order, and returns when all are done. An exception
-  /// of a task is thrown on, once all threads have stopped. One caller at a time; not from a task.
+  /// Runs task(0) … task(count - 1), in no fixed order, and returns when all are done. After an
+  /// exception no further task begins; once all threads have stopped, that of the smallest number
+  /// is thrown on, however the threads ran. One caller at a time; not from a task.
   void run(int count, const std::function<void(int)>& task);
   [[nodiscard]] int threads() const { return static_cast<int>(helpers_.size()) + 1; }
 
@@ -31,7 +33,7 @@ class WorkerPool {
   std::mutex mutex_;
   std::condition_variable has_work_, is_done_;
   const std::function<void(int)>* task_ = nullptr;
-  int next_ = 0, count_ = 0, working_ = 0;
+  int next_ = 0, count_ = 0, working_ = 0, failed_ = 0;
   bool is_ending_ = false;
   std::exception_ptr failure_;
   std::vector<std::thread> helpers_;

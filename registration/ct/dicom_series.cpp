@@ -5,6 +5,7 @@
 #include <cmath>
 #include <filesystem>
 #include <map>
+#include <mutex>
 #include <span>
 
 #include <Eigen/Geometry>
@@ -12,8 +13,8 @@
 
 #include "registration/ct/dicom_header.hpp"
 #include "registration/ct/dicom_pixels.hpp"
-#include "registration/ct/parallel_files.hpp"
 #include "registration/ct/slice_stack.hpp"
+#include "registration/worker_pool.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -68,8 +69,10 @@ class Inventory {
   Inventory(const std::string& folder, const SeriesOptions& options) : folder_(folder) {
     const std::vector<std::string> files = files_below(folder);
     std::vector<std::optional<DicomHeader>> headers(files.size());
-    for_each_file(files.size(), options.threads, {},
-                  [&](std::size_t k) { headers[k] = read_dicom_header(files[k]); });
+    WorkerPool(options.threads).run(static_cast<int>(files.size()), [&](int number) {
+      const auto k = static_cast<std::size_t>(number);
+      headers[k] = read_dicom_header(files[k]);
+    });
     for (std::size_t k = 0; k < files.size(); ++k) {
       const Kind kind = kind_of(headers[k]);
       if (kind == Kind::enhanced_ct)
@@ -229,9 +232,15 @@ void decode(const std::vector<DicomHeader>& slices, const std::vector<PixelLayou
       static_cast<std::size_t>(volume.size[0]) * static_cast<std::size_t>(volume.size[1]);
   volume.hu.resize(pixels * order.size());
   std::vector<char> has_clipped(order.size());
-  for_each_file(order.size(), options.threads, options.progress, [&](std::size_t k) {
+  std::mutex mutex;  // of progress
+  std::size_t done = 0;
+  WorkerPool(options.threads).run(static_cast<int>(order.size()), [&](int number) {
+    const auto k = static_cast<std::size_t>(number);
     const std::span<std::int16_t> hu(volume.hu.data() + k * pixels, pixels);
     has_clipped[k] = decode_hu(slices[order[k]], layouts[order[k]], hu) ? 1 : 0;
+    if (!options.progress) return;
+    const std::lock_guard lock(mutex);
+    options.progress(++done, order.size());
   });
   const auto clipped = std::count(has_clipped.begin(), has_clipped.end(), 1);
   if (clipped > 0)
