@@ -45,8 +45,11 @@ double blurred_ball(double r, double radius, double blur) {
 class Problem {
  public:
   Problem(const CtVolume& volume, const Eigen::Vector3d& start, double radius_mm, int highest_hu)
-      : volume_(volume), start_(start), radius_mm_(radius_mm), highest_hu_(highest_hu) {
-    normal_ = volume.column_step_mm.cross(volume.row_step_mm).normalized();
+      : volume_(volume),
+        start_(start),
+        radius_mm_(radius_mm),
+        highest_hu_(highest_hu),
+        normal_(volume.column_step_mm.cross(volume.row_step_mm).normalized()) {
     gather();
   }
 
