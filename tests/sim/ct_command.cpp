@@ -17,6 +17,7 @@
 #include "tests/sim/or/ct_scanner.hpp"
 #include "tests/sim/or/dicom_series.hpp"
 #include "tests/sim/or/phantom.hpp"
+#include "tests/sim/or/room_output.hpp"
 
 namespace holdfast::sim {
 namespace {
@@ -56,31 +57,6 @@ Phantom make_phantom(const Options& options) {
   return make_cavity_phantom(options.seed, realism, parts);
 }
 
-nlohmann::json array(const Eigen::Vector3d& v) {
-  return {v.x(), v.y(), v.z()};
-}
-
-nlohmann::json truth_of(const Phantom& phantom, const DicomSeries& series) {
-  nlohmann::json markers = nlohmann::json::array();
-  for (const TrueMarker& marker : phantom.markers) {
-    nlohmann::json rows = nlohmann::json::array();
-    for (int row = 0; row < 4; ++row)
-      for (int column = 0; column < 4; ++column)
-        rows.push_back(marker.T_ct_marker.matrix()(row, column));
-    markers.push_back({{"id", marker.aruco_id},
-                       {"side_mm", marker.side_mm},
-                       {"T_ct_marker", rows},
-                       {"bead_ct_mm", array(marker.p_bead_ct_mm)}});
-  }
-  return {{"phantom", phantom.name},
-          {"series_uid", series.series_uid},
-          {"study_uid", series.study_uid},
-          {"frame_of_reference_uid", series.frame_of_reference_uid},
-          {"markers", markers},
-          {"roi_min_mm", array(phantom.region_of_interest_mm.min())},
-          {"roi_max_mm", array(phantom.region_of_interest_mm.max())}};
-}
-
 void show_progress(double fraction) {
   if (bridge::is_interrupted()) throw InterruptedError("interrupted");
   if (isatty(STDERR_FILENO) != 0)
@@ -109,7 +85,7 @@ void run(Options options) {
   const CtVolume volume = scan(phantom, options.scanner);
   const DicomSeries series = write_dicom_series(volume, files, options.out);
   if (!options.truth.empty())
-    bridge::write_file_atomically(options.truth, truth_of(phantom, series).dump(2) + "\n");
+    bridge::write_file_atomically(options.truth, ct_truth(phantom, series).dump(2) + "\n");
   const nlohmann::json result{{"folder", options.out},
                               {"series_uid", series.series_uid},
                               {"files", series.files.size()},

@@ -123,8 +123,8 @@ void run_marker_error(const PointOptions& options) {
 }
 
 void run_bead_error(const PointOptions& options) {
-  report(error_by_place(registration::read_markups(options.points),
-                        true_points(options.truth, "bead_ct", 0), options.reach_mm),
+  report(error_by_place(registration::read_markups(options.points), true_beads(options.truth),
+                        options.reach_mm),
          options.is_json);
 }
 
@@ -147,7 +147,7 @@ void add_or_error_commands(CLI::App& app) {
     auto options = std::make_shared<PointOptions>();
     CLI::App* sub = app.add_subcommand(name, what);
     sub->add_option(file_option, options->points, "what was measured (.mrk.json)")->required();
-    sub->add_option("--truth", options->truth, "the room's truth file")->required();
+    sub->add_option("--truth", options->truth, "what the simulator wrote there")->required();
     sub->add_flag("--json", options->is_json, "one JSON object on stdout");
     sub->footer(fmt::format("Example: holdfast-sim {} {} m.mrk.json --truth truth.json", name,
                             file_option));

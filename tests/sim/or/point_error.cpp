@@ -17,6 +17,7 @@ namespace holdfast::sim {
 namespace {
 
 using Eigen::Vector3d;
+using nlohmann::json;
 
 std::string number_of(const std::string& label) {
   const std::size_t last = label.find_last_not_of("0123456789");
@@ -61,6 +62,33 @@ PointError summary(const std::vector<registration::MarkupPoint>& measured,
   return result;
 }
 
+// A room's markers carry a label, a CT's the number that it is made from.
+std::vector<TruePoint> points_of(const json& markers, const std::string& key) {
+  std::vector<TruePoint> points;
+  for (const json& marker : markers) {
+    const json& p = marker.at(key);
+    points.push_back({marker.contains("label") ? marker.at("label").get<std::string>()
+                                               : std::to_string(marker.at("id").get<int>()),
+                      {p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>()}});
+  }
+  return points;
+}
+
+template <typename Pick>
+std::vector<TruePoint> read_points(const std::string& truth_file, const std::string& refusal,
+                                   const Pick& pick) {
+  std::ifstream stream(truth_file);
+  if (!stream) throw InputError(fmt::format("{}: cannot be read", truth_file));
+  std::vector<TruePoint> points;
+  try {
+    points = pick(json::parse(stream));
+  } catch (const json::exception&) {
+    throw InputError(fmt::format("{}: {}", truth_file, refusal));
+  }
+  if (points.empty()) throw InputError(fmt::format("{}: the phantom has no markers", truth_file));
+  return points;
+}
+
 }  // namespace
 
 PointError error_by_label(const std::vector<registration::MarkupPoint>& measured,
@@ -90,21 +118,21 @@ PointError error_by_place(const std::vector<registration::MarkupPoint>& measured
 
 std::vector<TruePoint> true_points(const std::string& truth_file, const std::string& key,
                                    int pose) {
-  std::ifstream stream(truth_file);
-  if (!stream) throw InputError(fmt::format("{}: cannot be read", truth_file));
-  std::vector<TruePoint> points;
-  try {
-    const nlohmann::json truth = nlohmann::json::parse(stream);
-    for (const auto& marker : truth.at("poses").at(static_cast<std::size_t>(pose)).at("markers")) {
-      const auto& p = marker.at(key);
-      points.push_back({marker.at("label").get<std::string>(),
-                        {p.at(0).get<double>(), p.at(1).get<double>(), p.at(2).get<double>()}});
-    }
-  } catch (const nlohmann::json::exception& e) {
-    throw InputError(fmt::format("{}: no '{}' of pose {}: {}", truth_file, key, pose, e.what()));
-  }
-  if (points.empty()) throw InputError(fmt::format("{}: pose {} has no markers", truth_file, pose));
-  return points;
+  return read_points(
+      truth_file,
+      fmt::format("not a truth file of `holdfast-sim or` with '{}' of pose {}", key, pose),
+      [&](const json& truth) {
+        return points_of(truth.at("poses").at(static_cast<std::size_t>(pose)).at("markers"), key);
+      });
+}
+
+std::vector<TruePoint> true_beads(const std::string& truth_file) {
+  return read_points(truth_file, "not a truth file of `holdfast-sim ct` or `or` with beads",
+                     [](const json& truth) {
+                       return truth.contains("poses")
+                                  ? points_of(truth.at("poses").at(0).at("markers"), "bead_ct")
+                                  : points_of(truth.at("markers"), "bead_ct_mm");
+                     });
 }
 
 }  // namespace holdfast::sim

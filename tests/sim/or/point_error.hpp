@@ -37,9 +37,12 @@ struct PointError {
 [[nodiscard]] PointError error_by_place(const std::vector<registration::MarkupPoint>& measured,
                                         const std::vector<TruePoint>& truth, double reach_mm);
 
-/// The points `key` ("marker_camera", "bead_camera", "bead_ct" ...) of pose `pose` of a truth file.
-/// Throws InputError when the file does not hold them.
+/// The points `key` ("marker_camera", "bead_camera" ...) of pose `pose` of the truth that
+/// `holdfast-sim or` wrote. Throws InputError when the file does not hold them.
 [[nodiscard]] std::vector<TruePoint> true_points(const std::string& truth_file,
                                                  const std::string& key, int pose);
+
+/// Every bead, frame ct, of the truth that `holdfast-sim ct` or `or` wrote. Throws likewise.
+[[nodiscard]] std::vector<TruePoint> true_beads(const std::string& truth_file);
 
 }  // namespace holdfast::sim

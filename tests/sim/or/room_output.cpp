@@ -67,6 +67,24 @@ json as_json(const registration::ZoomCalibration& z) {
           {"rms_px", z.rms_px}};
 }
 
+json ct_truth(const Phantom& phantom, const DicomSeries& series) {
+  json markers = json::array();
+  for (const TrueMarker& m : phantom.markers)
+    markers.push_back({{"id", m.aruco_id},
+                       {"side_mm", m.side_mm},
+                       {"T_ct_marker", as_json(m.T_ct_marker)},
+                       {"bead_ct_mm", as_json(m.p_bead_ct_mm)}});
+  const Eigen::Vector3d low = phantom.region_of_interest_mm.min();
+  const Eigen::Vector3d high = phantom.region_of_interest_mm.max();
+  return {{"phantom", phantom.name},
+          {"series_uid", series.series_uid},
+          {"study_uid", series.study_uid},
+          {"frame_of_reference_uid", series.frame_of_reference_uid},
+          {"markers", markers},
+          {"roi_min_mm", as_json(low)},
+          {"roi_max_mm", as_json(high)}};
+}
+
 json markers_json(const Phantom& phantom, const Eigen::Isometry3d& T_camera_ct) {
   json list = json::array();
   for (const TrueMarker& m : phantom.markers) {

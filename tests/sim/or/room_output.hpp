@@ -9,6 +9,7 @@
 #include <opencv2/core.hpp>
 
 #include "registration/stereo_calibration.hpp"
+#include "tests/sim/or/dicom_series.hpp"
 #include "tests/sim/or/phantom.hpp"
 
 namespace holdfast::sim {
@@ -22,6 +23,8 @@ void write_image(const std::filesystem::path& path, const cv::Mat& image);
 [[nodiscard]] nlohmann::json as_json(const Eigen::Isometry3d& T);  ///< 4x4, row-major
 [[nodiscard]] nlohmann::json as_json(const Eigen::Vector3d& p);
 [[nodiscard]] nlohmann::json as_json(const registration::ZoomCalibration& zoom);
+/// The truth about a CT scan: its UIDs; markers, beads and the region of interest in ct.
+[[nodiscard]] nlohmann::json ct_truth(const Phantom& phantom, const DicomSeries& series);
 /// Markers and beads, in ct and in the camera's frame.
 [[nodiscard]] nlohmann::json markers_json(const Phantom& phantom,
                                           const Eigen::Isometry3d& T_camera_ct);
