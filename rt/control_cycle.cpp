@@ -9,7 +9,7 @@ namespace holdfast::rt {
 
 ControlCycle::ControlCycle(const ControlParameters& parameters,
                            const safety::RegistrationInput& registration,
-                           FrameIntake::Arrivals& arrivals, Mailbox<StampedEstimate>& estimates,
+                           FrameArrivals& arrivals, Mailbox<StampedEstimate>& estimates,
                            ControlInbox& inbox)
     : parameters_(parameters), arrivals_(arrivals), estimates_(estimates), inbox_(inbox) {
   readings_.registration = registration;

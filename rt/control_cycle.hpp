@@ -11,7 +11,7 @@
 #include "rt/core/event_queue.hpp"
 #include "rt/core/mailbox.hpp"
 #include "rt/core/stop_latch.hpp"
-#include "rt/frame_intake.hpp"
+#include "rt/frame_arrivals.hpp"
 
 namespace holdfast::rt {
 
@@ -37,8 +37,7 @@ class ControlCycle {
  public:
   /// References must outlive it. Reads `arrivals`, `estimates` and `inbox`.
   ControlCycle(const ControlParameters& parameters, const safety::RegistrationInput& registration,
-               FrameIntake::Arrivals& arrivals, Mailbox<StampedEstimate>& estimates,
-               ControlInbox& inbox);
+               FrameArrivals& arrivals, Mailbox<StampedEstimate>& estimates, ControlInbox& inbox);
 
   /// Control thread only.
   void run(const CycleInfo& info) noexcept;
@@ -53,7 +52,7 @@ class ControlCycle {
   void account(const CycleInfo& info, const ControlOutput& output) noexcept;
 
   ControlParameters parameters_;
-  FrameIntake::Arrivals& arrivals_;
+  FrameArrivals& arrivals_;
   Mailbox<StampedEstimate>& estimates_;
   ControlInbox& inbox_;
   Mailbox<CycleReport> reports_;

@@ -12,8 +12,7 @@
 
 #include "bridge/camera_source.hpp"
 #include "bridge/frame_check.hpp"
-#include "rt/control_step.hpp"
-#include "rt/core/event_queue.hpp"
+#include "rt/frame_arrivals.hpp"
 
 namespace holdfast::rt {
 
@@ -26,7 +25,7 @@ struct IntakeFrame {
 
 class FrameIntake {
  public:
-  using Arrivals = EventQueue<FrameArrival, 64>;
+  using Arrivals = FrameArrivals;
 
   explicit FrameIntake(const bridge::FrameCheckLimits& limits) : check_(limits) {}
 

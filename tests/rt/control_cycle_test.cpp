@@ -22,7 +22,7 @@ class ControlCycleTest : public ::testing::Test {
   }
   [[nodiscard]] const safety::Decision& decision() const { return report_.output.decision; }
 
-  FrameIntake::Arrivals arrivals_;
+  FrameArrivals arrivals_;
   Mailbox<StampedEstimate> estimates_;
   ControlInbox inbox_;
   std::unique_ptr<ControlCycle> cycle_ = std::make_unique<ControlCycle>(
