@@ -80,18 +80,11 @@ std::vector<cv::Point3d> points_of(const std::vector<Eigen::Vector3d>& board_mm)
   return points;
 }
 
-Pose fitted_pose(const BoardPair& pair, const std::vector<cv::Point3d>& board,
+Pose fitted_pose(const BoardPair& pair, const std::vector<Eigen::Vector3d>& board_mm,
                  const ZoomCalibration& zoom) {
-  // Both views together: one alone leaves a board's tilt ambiguous at a long focal length.
-  std::vector<Eigen::Vector3d> flat, corners;
-  for (const cv::Point3d& p : board) flat.emplace_back(p.x, p.y, p.z);
-  for (const TriangulatedPoint& point : triangulate(pair.left, pair.right, zoom))
-    corners.push_back(point.p_camera_mm);
-  const Eigen::Isometry3d T_camera_board = rigid_fit(flat, corners);
-  const Eigen::AngleAxisd rotation(T_camera_board.linear());
-  Pose pose;
-  pose << rotation.angle() * rotation.axis(), T_camera_board.translation();
+  const auto board = points_of(board_mm);
   const Eigen::VectorXd seen = observed(pair);
+  Pose pose = triangulated_pose(pair.left, pair.right, board_mm, zoom);
   for (int i = 0; i < 6; ++i) {
     const Eigen::MatrixXd jacobian = pose_jacobian(board, pose, zoom);
     pose += jacobian.colPivHouseholderQr().solve(seen - projected(board, pose, zoom));
@@ -123,7 +116,7 @@ Eigen::MatrixXd without_rigid(const std::vector<Eigen::Vector3d>& points,
 ViewError view_error(const BoardPair& pair, const std::vector<Eigen::Vector3d>& board_mm,
                      const ZoomCalibration& zoom) {
   const auto board = points_of(board_mm);
-  const Pose pose = fitted_pose(pair, board, zoom);
+  const Pose pose = fitted_pose(pair, board_mm, zoom);
   const Eigen::VectorXd residual = observed(pair) - projected(board, pose, zoom);
   ViewError error;
   error.reprojection_left_px = rms_of_points(residual.head(residual.size() / 2));
@@ -192,7 +185,7 @@ double covariance_inflation(const std::vector<ZoomViews>& held_out,
     const Eigen::MatrixXd root = square_root(zoom.parameter_covariance);
     const Eigen::VectorXd parameters = parameter_vector(zoom);
     for (const BoardPair& pair : held_out[z].pairs) {
-      const Pose pose = fitted_pose(pair, board, zoom);
+      const Pose pose = fitted_pose(pair, board_mm, zoom);
       const Eigen::VectorXd here = projected(board, pose, zoom);
       Eigen::MatrixXd spread(here.size(), root.cols());
       constexpr double kStep = 0.1;

@@ -6,7 +6,6 @@
 // Bayes), so that a zoom that seats badly is not forced into line.
 #pragma once
 
-#include <string>
 #include <vector>
 
 #include <Eigen/Core>

@@ -86,6 +86,20 @@ Eigen::Isometry3d rigid_fit(const std::vector<Eigen::Vector3d>& from,
   return Eigen::Isometry3d(Eigen::umeyama(a, b, false));
 }
 
+Eigen::Matrix<double, 6, 1> triangulated_pose(const std::vector<cv::Point2d>& left,
+                                              const std::vector<cv::Point2d>& right,
+                                              const std::vector<Eigen::Vector3d>& points_mm,
+                                              const ZoomCalibration& zoom) {
+  std::vector<Eigen::Vector3d> seen;
+  for (const TriangulatedPoint& point : triangulate(left, right, zoom))
+    seen.push_back(point.p_camera_mm);
+  const Eigen::Isometry3d T_camera_body = rigid_fit(points_mm, seen);
+  const Eigen::AngleAxisd turn(T_camera_body.linear());
+  Eigen::Matrix<double, 6, 1> pose;
+  pose << turn.angle() * turn.axis(), T_camera_body.translation();
+  return pose;
+}
+
 double rigid_residual_mm(const std::vector<Eigen::Vector3d>& from,
                          const std::vector<Eigen::Vector3d>& to) {
   const Eigen::Isometry3d T_to_from = rigid_fit(from, to);

@@ -32,6 +32,13 @@ struct TriangulatedPoint {
 [[nodiscard]] Eigen::Isometry3d rigid_fit(const std::vector<Eigen::Vector3d>& from,
                                           const std::vector<Eigen::Vector3d>& to);
 
+/// Where a rigid body of known points (in its own frame) stands in the left camera's frame, from
+/// their pixels in both views together: one alone leaves a board's tilt ambiguous at a long focal
+/// length. Rotation vector, then translation in mm.
+[[nodiscard]] Eigen::Matrix<double, 6, 1> triangulated_pose(
+    const std::vector<cv::Point2d>& left, const std::vector<cv::Point2d>& right,
+    const std::vector<Eigen::Vector3d>& points_mm, const ZoomCalibration& zoom);
+
 /// Root mean square of what rigid_fit() leaves, mm.
 [[nodiscard]] double rigid_residual_mm(const std::vector<Eigen::Vector3d>& from,
                                        const std::vector<Eigen::Vector3d>& to);
