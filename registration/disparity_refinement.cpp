@@ -131,6 +131,14 @@ class ShotWindow {
       window_sum(column_.row[i].data(), shot_.left.cols, radius_, scratch_.data(),
                  window_.row[i].data(), simd_);
     add_moments(view(window_), shot_.left.cols, moments, simd_);
+  }
+  /// After advance(y): the scores of the fit there, and nothing more of that row.
+  void score(int y, const float* fitted_px, std::int32_t* scores) {
+    add_scores(residuals(y), view(window_), offset_px_[y], fitted_px, shot_.left.cols, scores,
+               simd_);
+  }
+  /// Takes the row out that the next windows do not have.
+  void leave(int y) {
     if (is_inside(y - radius_))
       add_products(residuals(y - radius_), shot_.left.cols, -1, view(column_), simd_);
   }
@@ -164,9 +172,20 @@ float gradient_noise(const cv::Mat1b& image) {
   return static_cast<float>(noise * noise / 4);
 }
 
+/// What a fit leaves for the variance.
+struct Leftover {
+  cv::Mat1i scores, moved;  // moved: the squared correction, in 1/256² px²
+  cv::Mat1f per_score, of_start_px2;
+
+  explicit Leftover(cv::Size size)
+      : scores(size), moved(size), per_score(size), of_start_px2(size) {}
+  Sensitivity sensitivity(int y) { return {per_score[y], of_start_px2[y]}; }
+};
+
 /// One fit of every pixel around `start_px`.
 void fit(std::span<const ShotPair> shots, const cv::Mat1f& start_px,
-         const RefinementParameters& parameters, WorkerPool& pool, RefinedOffsets& out, Simd simd) {
+         const RefinementParameters& parameters, WorkerPool& pool, cv::Mat1f& offset_px,
+         Leftover& leftover, Simd simd) {
   const int width = start_px.cols, height = start_px.rows, size = 2 * parameters.radius_px + 1;
   const Limits limits{
       1 / (parameters.prior_sigma_px * parameters.prior_sigma_px), parameters.step_max_px,
@@ -183,11 +202,111 @@ void fit(std::span<const ShotPair> shots, const cv::Mat1f& start_px,
     for (int y = start; y < end; ++y) {
       moments.clear();
       for (ShotWindow& window : windows) window.advance(y, view(moments));
-      std::copy_n(start_px[y], width, out.offset_px[y]);
-      solve_row(view(moments), width, limits, out.offset_px[y], out.variance_px2[y], simd);
+      std::copy_n(start_px[y], width, offset_px[y]);
+      solve_row(view(moments), width, limits, offset_px[y], leftover.sensitivity(y), simd);
+      moved_row(start_px[y], offset_px[y], width, leftover.moved[y], simd);
+      std::fill_n(leftover.scores[y], width, 0);
+      for (ShotWindow& window : windows) {
+        window.score(y, offset_px[y], leftover.scores[y]);
+        window.leave(y);
+      }
     }
   });
 }
+
+/// The variance of the offsets from how the fit's scores scatter: of their sums over blocks, so
+/// that the noise's correlation and surfaces that do not fit the window are in it, and over a
+/// larger window than the fit's, to know it well.
+class VarianceOfScores {
+ public:
+  VarianceOfScores(Leftover& leftover, const RefinementParameters& parameters, Simd simd)
+      : leftover_(leftover),
+        radius_(std::min(2 * parameters.radius_px, kRadiusMax)),
+        freedom_(freedom_of(parameters)),
+        simd_(simd),
+        width_(leftover.scores.cols),
+        rows_(width_),
+        scratch_(static_cast<std::size_t>(3 * (width_ + 64))),
+        ring_(static_cast<std::size_t>(2 * radius_ + 1), Rows<std::int32_t, 3>(width_)) {}
+
+  void band(int start, int end, cv::Mat1f& variance_px2) {
+    rows_.clear();
+    for (int y = start - radius_ - kBlockRadiusPx; y < start - radius_ + kBlockRadiusPx; ++y)
+      add_block_row(y, 1);
+    for (int y = start - radius_; y < start + radius_; ++y) enter(y);
+    for (int y = start; y < end; ++y) {
+      enter(y + radius_);
+      window_sum(squares(), width_, radius_, scratch_.data(), blocks(), simd_);
+      window_sum(count(), width_, radius_, scratch_.data(), window_count(), simd_);
+      window_sum(moved(), width_, radius_, scratch_.data(), window_moved(), simd_);
+      variance_row({blocks(), window_moved(), window_count()}, leftover_.sensitivity(y), freedom_,
+                   width_, variance_px2[y], simd_);
+      accumulate(y - radius_, -1);
+    }
+  }
+
+ private:
+  static constexpr int kRadiusMax = 10;
+
+  /// A block's scores are not free: all of a window's sum up to nothing.
+  static float freedom_of(const RefinementParameters& parameters) {
+    const float share = static_cast<float>(2 * kBlockRadiusPx + 1) /
+                        static_cast<float>(2 * parameters.radius_px + 1);
+    return 1 - std::min(share * share, 0.8F);
+  }
+  std::int32_t* column() { return rows_.row[0].data(); }  // of scores, over a block's rows
+  std::int32_t* blocks() { return rows_.row[1].data(); }
+  std::int32_t* squares() { return rows_.row[2].data(); }  // over the window's rows
+  std::int32_t* count() { return rows_.row[3].data(); }
+  std::int32_t* window_count() { return rows_.row[4].data(); }
+  std::int32_t* moved() { return rows_.row[5].data(); }
+  std::int32_t* window_moved() { return rows_.row[6].data(); }
+  [[nodiscard]] bool is_inside(int y) const { return y >= 0 && y < leftover_.scores.rows; }
+
+  void add_block_row(int y, int sign) {
+    if (!is_inside(y)) return;
+    const std::int32_t* const from = leftover_.scores[y];
+    for (int x = 0; x < width_; ++x) column()[x] += sign * from[x];
+  }
+  /// Row y of blocks, which needs the scores up to y + kBlockRadiusPx.
+  void enter(int y) {
+    add_block_row(y + kBlockRadiusPx, 1);
+    if (is_inside(y)) {
+      auto& row = ring_[static_cast<std::size_t>(y) % ring_.size()].row;
+      window_sum(column(), width_, kBlockRadiusPx, scratch_.data(), blocks(), simd_);
+      square_row(blocks(), width_, row[0].data(), simd_);
+      const std::int32_t* const from = leftover_.moved[y];
+      for (int x = 0; x < width_; ++x) {
+        const auto at = static_cast<std::size_t>(x);
+        row[1][at] = from[x] >= 0 ? 1 : 0;
+        row[2][at] = std::max(from[x], 0);
+      }
+      accumulate(y, 1);
+    }
+    add_block_row(y - kBlockRadiusPx, -1);
+  }
+  void accumulate(int y, int sign) {
+    if (!is_inside(y)) return;
+    const auto& row = ring_[static_cast<std::size_t>(y) % ring_.size()].row;
+    const std::int32_t *const square = row[0].data(), *const n = row[1].data();
+    const std::int32_t* const step = row[2].data();
+    std::int32_t *const sum = squares(), *const all = count(), *const steps = moved();
+    for (int x = 0; x < width_; ++x) {
+      sum[x] += sign * square[x];
+      all[x] += sign * n[x];
+      steps[x] += sign * step[x];
+    }
+  }
+
+  Leftover& leftover_;
+  int radius_;
+  float freedom_;
+  Simd simd_;
+  int width_;
+  Rows<std::int32_t, 7> rows_;
+  std::vector<std::int32_t> scratch_;
+  std::vector<Rows<std::int32_t, 3>> ring_;
+};
 
 }  // namespace
 
@@ -199,6 +318,7 @@ void refine_offsets(std::span<const ShotPair> shots, const cv::Mat1i& offset_256
   out.variance_px2.create(offset_256ths.size());
   cv::Mat1f smooth(offset_256ths.size());
   cv::Mat1i again;
+  Leftover leftover(offset_256ths.size());
   for (int iteration = 0; iteration < parameters.iterations; ++iteration) {
     const cv::Mat1i& from = iteration == 0 ? offset_256ths : again;
     const float near_px = iteration == 0 ? parameters.start_near_px : kNearPx;
@@ -206,7 +326,7 @@ void refine_offsets(std::span<const ShotPair> shots, const cv::Mat1i& offset_256
       const int start = band * kBandRows, end = std::min(start + kBandRows, from.rows);
       Smoother(from, parameters, simd).band(start, end, near_px, smooth);
     });
-    fit(shots, smooth, parameters, pool, out, simd);
+    fit(shots, smooth, parameters, pool, out.offset_px, leftover, simd);
     if (iteration + 1 == parameters.iterations) break;
     again.create(from.size());
     pool.run(bands, [&](int band) {
@@ -215,6 +335,10 @@ void refine_offsets(std::span<const ShotPair> shots, const cv::Mat1i& offset_256
         quantise_row(out.offset_px[y], from.cols, again[y], simd);
     });
   }
+  pool.run(bands, [&](int band) {
+    const int start = band * kBandRows, end = std::min(start + kBandRows, smooth.rows);
+    VarianceOfScores(leftover, parameters, simd).band(start, end, out.variance_px2);
+  });
 }
 
 }  // namespace holdfast::registration

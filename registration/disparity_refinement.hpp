@@ -3,8 +3,10 @@
 // up in the right image at its own, smoothed disparity (so that windows follow slanted and curved
 // surfaces); one correction and one brightness offset are then fitted to the window:
 //   left(p) - gain·right(p + offset(p)) = correction · gradient(p) + brightness.
-// A parabola through matching costs pulls towards whole pixels; this does not. The fit's residual
-// and the window's gradients give the variance.
+// A parabola through matching costs pulls towards whole pixels; this does not. The variance is
+// measured, not assumed: it is how the sums of gradient·residual over blocks scatter around the
+// fit, over the fit's information squared (a sandwich estimate that holds under correlated noise
+// and where the surface does not fit the window), and what the prior may have kept uncorrected.
 #pragma once
 
 #include <cstdint>

@@ -16,11 +16,6 @@ namespace holdfast::registration::refinement {
 namespace {
 
 constexpr std::uint8_t kSaturated = 254;
-/// Resampling correlates neighbours' noise, and windows are not planes: the errors of
-/// reconstructions with known truth have this many times the variance that independent pixels would
-/// give.
-constexpr float kCorrelation = 4;
-
 /// Catmull-Rom through four pixels: value and slope at `t` between the middle two.
 struct Cubic {
   float value, slope;
@@ -176,7 +171,7 @@ HOLDFAST_INLINE void moments_row(const Sums& sums, int width, const Moments& mom
 }
 
 HOLDFAST_INLINE void solve(const Moments& moments, int width, const Limits& limits,
-                           float* offset_px, float* variance_px2) {
+                           float* offset_px, const Sensitivity& out) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 #pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
@@ -194,8 +189,57 @@ HOLDFAST_INLINE void solve(const Moments& moments, int width, const Limits& limi
     const bool is_good = offset_px[x] >= 0 && moments.n[x] >= limits.n_min &&
                          correction <= limits.step_max_px && correction >= -limits.step_max_px;
     offset_px[x] = is_good ? offset_px[x] + correction : kNan;
-    variance_px2[x] =
-        is_good ? kCorrelation * noise / information + missed * missed / limits.prior_weight : kNan;
+    out.per_score[x] = is_good ? n / (information * information) : kNan;
+    out.of_start_px2[x] = missed * missed / limits.prior_weight;
+  }
+}
+
+HOLDFAST_INLINE void scores_row(const Residuals& row, const Sums& window, const float* start_px,
+                                const float* fitted_px, int width, std::int32_t* scores) {
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const float share = 1 / static_cast<float>(window.n[x] > 1 ? window.n[x] : 1);
+    const float g = static_cast<float>(row.gradient[x]) - share * static_cast<float>(window.g[x]);
+    const float r = static_cast<float>(row.residual[x]) - share * static_cast<float>(window.r[x]);
+    const float correction = fitted_px[x] - start_px[x];
+    const float score = g * (r - correction * g);
+    const bool is_used = row.is_used[x] != 0 && correction == correction;
+    scores[x] += static_cast<std::int32_t>(is_used ? score : 0.F);
+  }
+}
+
+HOLDFAST_INLINE void squares(const std::int32_t* blocks, int width, std::int32_t* out) {
+  constexpr std::int32_t kMost = 1800;  // its square, summed over 21x21 windows, stays in 31 bits
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const std::int32_t block = blocks[x] / 16;
+    const std::int32_t cut = block > kMost ? kMost : block < -kMost ? -kMost : block;
+    out[x] = cut * cut;
+  }
+}
+
+HOLDFAST_INLINE void moves(const float* start_px, const float* fitted_px, int width,
+                           std::int32_t* out) {
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const float step = 256 * (fitted_px[x] - start_px[x]);
+    out[x] = static_cast<std::int32_t>(step == step ? step * step : -1.F);
+  }
+}
+
+HOLDFAST_INLINE void variances(const Scatter& scatter, const Sensitivity& sensitivity,
+                               float freedom, int width, float* variance_px2) {
+  constexpr int kBlockPx = 2 * kBlockRadiusPx + 1;
+  const float unit = kSquareUnit / (static_cast<float>(kBlockPx * kBlockPx) * freedom);
+#pragma GCC ivdep
+  for (int x = 0; x < width; ++x) {
+    const float share = 1 / static_cast<float>(scatter.count[x] > 1 ? scatter.count[x] : 1);
+    // At least what rounding to 1/8 grey level leaves.
+    const float of_score = unit * static_cast<float>(scatter.squares[x] + 1) * share;
+    // A window's start is corrected as a whole: how corrections differ from place to place is how
+    // wrong its shape was, and stays in the result.
+    const float of_shape = static_cast<float>(scatter.moved[x]) * share * (1.F / 65536);
+    variance_px2[x] = sensitivity.per_score[x] * of_score + of_shape + sensitivity.of_start_px2[x];
   }
 }
 
@@ -260,8 +304,21 @@ HOLDFAST_BOTH(add_moments, moments_row, (const Sums& sums, int width, const Mome
               (sums, width, moments))
 HOLDFAST_BOTH(solve_row, solve,
               (const Moments& moments, int width, const Limits& limits, float* offset_px,
+               const Sensitivity& out),
+              (moments, width, limits, offset_px, out))
+HOLDFAST_BOTH(add_scores, scores_row,
+              (const Residuals& row, const Sums& window, const float* start_px,
+               const float* fitted_px, int width, std::int32_t* scores),
+              (row, window, start_px, fitted_px, width, scores))
+HOLDFAST_BOTH(square_row, squares, (const std::int32_t* blocks, int width, std::int32_t* out),
+              (blocks, width, out))
+HOLDFAST_BOTH(moved_row, moves,
+              (const float* start_px, const float* fitted_px, int width, std::int32_t* out),
+              (start_px, fitted_px, width, out))
+HOLDFAST_BOTH(variance_row, variances,
+              (const Scatter& scatter, const Sensitivity& sensitivity, float freedom, int width,
                float* variance_px2),
-              (moments, width, limits, offset_px, variance_px2))
+              (scatter, sensitivity, freedom, width, variance_px2))
 
 }  // namespace
 
@@ -284,9 +341,29 @@ void add_moments(const Sums& sums, int width, const Moments& moments, Simd simd)
 }
 
 void solve_row(const Moments& moments, int width, const Limits& limits, float* offset_px,
-               float* variance_px2, Simd simd) {
-  (simd == Simd::avx2 ? solve_row_avx2 : solve_row_scalar)(moments, width, limits, offset_px,
-                                                           variance_px2);
+               const Sensitivity& out, Simd simd) {
+  (simd == Simd::avx2 ? solve_row_avx2 : solve_row_scalar)(moments, width, limits, offset_px, out);
+}
+
+void add_scores(const Residuals& row, const Sums& window, const float* start_px,
+                const float* fitted_px, int width, std::int32_t* scores, Simd simd) {
+  (simd == Simd::avx2 ? add_scores_avx2 : add_scores_scalar)(row, window, start_px, fitted_px,
+                                                             width, scores);
+}
+
+void square_row(const std::int32_t* blocks, int width, std::int32_t* out, Simd simd) {
+  (simd == Simd::avx2 ? square_row_avx2 : square_row_scalar)(blocks, width, out);
+}
+
+void moved_row(const float* start_px, const float* fitted_px, int width, std::int32_t* out,
+               Simd simd) {
+  (simd == Simd::avx2 ? moved_row_avx2 : moved_row_scalar)(start_px, fitted_px, width, out);
+}
+
+void variance_row(const Scatter& scatter, const Sensitivity& sensitivity, float freedom, int width,
+                  float* variance_px2, Simd simd) {
+  (simd == Simd::avx2 ? variance_row_avx2 : variance_row_scalar)(scatter, sensitivity, freedom,
+                                                                 width, variance_px2);
 }
 
 void add_offsets(const std::int32_t* offset_256ths, int width, int sign, std::int32_t* sum,

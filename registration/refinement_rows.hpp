@@ -39,6 +39,16 @@ struct Limits {
   float gradient_noise;  ///< what noise alone adds to gradient², a pixel
 };
 
+/// How the window's fit turns an error of its scores (gradient times what the fit leaves) into one
+/// of the offset, and what the prior may have kept from being corrected.
+struct Sensitivity {
+  float* per_score;     ///< pixels / information²: times the scores' variance a pixel, px²
+  float* of_start_px2;  ///< variance that is left of the start's
+};
+
+constexpr int kBlockRadiusPx = 2;  ///< scores are summed over blocks of 5x5: longer than residuals
+                                   ///< of resampled images are correlated
+
 /// sum += sign·offset and count += sign where the offset is known (not negative).
 void add_offsets(const std::int32_t* offset_256ths, int width, int sign, std::int32_t* sum,
                  std::int32_t* count, Simd simd);
@@ -60,8 +70,26 @@ void window_sum(const std::int32_t* in, int width, int radius, std::int32_t* scr
                 std::int32_t* out, Simd simd);
 /// moments += the centred window sums.
 void add_moments(const Sums& sums, int width, const Moments& moments, Simd simd);
-/// offset_px += correction; NaN, and NaN variance, where the fit fails.
+/// offset_px += correction; NaN where the fit fails.
 void solve_row(const Moments& moments, int width, const Limits& limits, float* offset_px,
-               float* variance_px2, Simd simd);
+               const Sensitivity& out, Simd simd);
+/// scores += gradient·(residual - correction·gradient) of a row, centred in each pixel's window
+/// (`window`: its sums); nothing where `fitted_px` is NaN.
+void add_scores(const Residuals& row, const Sums& window, const float* start_px,
+                const float* fitted_px, int width, std::int32_t* scores, Simd simd);
+/// The squares of a row of block sums, in units of kSquareUnit.
+void square_row(const std::int32_t* blocks, int width, std::int32_t* out, Simd simd);
+constexpr float kSquareUnit = 256;
+/// (fitted - start)² in 1/256² px²; -1 where the fit failed.
+void moved_row(const float* start_px, const float* fitted_px, int width, std::int32_t* out,
+               Simd simd);
+
+/// Sums over a window around each pixel: of square_row, of moved_row, and of how many pixels.
+struct Scatter {
+  const std::int32_t *squares, *moved, *count;
+};
+/// The variance of the offsets. `freedom`: the share of the scores' variance that a fit leaves.
+void variance_row(const Scatter& scatter, const Sensitivity& sensitivity, float freedom, int width,
+                  float* variance_px2, Simd simd);
 
 }  // namespace holdfast::registration::refinement

@@ -25,6 +25,10 @@ constexpr int kAmbiguousMargin = 6;      // of 255: a rival as good as the winne
 constexpr float kClearMargin = 64;       // of 255: confidence 1
 constexpr int kSpeckleStepIn16ths = 16;  // neighbours of one piece differ by at most a candidate
 
+int tasks_of(int rows) {
+  return (rows + kRowsPerTask - 1) / kRowsPerTask;
+}
+
 /// Both views of all shots on one level of the pyramid.
 struct Level {
   Images left, right;
@@ -102,50 +106,109 @@ void drop_uncertain(const MatchParameters& parameters, sgm::LevelResult& result)
   cv::filterSpeckles(result.candidate_16ths, sgm::kNone, smallest, kSpeckleStepIn16ths);
 }
 
-/// Offsets on the full grid, where both raw images have pixels.
-cv::Mat1i full_offsets(const sgm::LevelResult& result, int level, const RectifiedPair& pair,
-                       WorkerPool& pool) {
-  const cv::Size size = pair.left.pixels.size();
+/// Of a level's pixels, the columns whose full-resolution pixels are all covered.
+cv::Range covered_at(const RectifiedImage& image, int level, int y) {
+  cv::Range covered(0, image.pixels.cols >> level);
+  for (int row = y << level; row < (y + 1) << level; ++row) {
+    const cv::Range here = image.covered[static_cast<std::size_t>(row)];
+    covered.start = std::max(covered.start, (here.start + (1 << level) - 1) >> level);
+    covered.end = std::min(covered.end, here.end >> level);
+  }
+  return covered;
+}
+
+/// The matched candidates as offsets, where both raw images have pixels.
+cv::Mat1i offsets_of(const sgm::LevelResult& result, int level, const RectifiedPair& pair,
+                     WorkerPool& pool) {
+  const cv::Size size = result.candidate_16ths.size();
   cv::Mat1i offsets(size);
-  pool.run((size.height + kRowsPerTask - 1) / kRowsPerTask, [&](int task) {
+  pool.run(tasks_of(size.height), [&](int task) {
     const int end = std::min((task + 1) * kRowsPerTask, size.height);
     for (int y = task * kRowsPerTask; y < end; ++y) {
-      const std::int16_t* const from = result.candidate_16ths[y >> level];
-      const cv::Range in_left = pair.left.covered[static_cast<std::size_t>(y)];
-      const cv::Range in_right = pair.right.covered[static_cast<std::size_t>(y)];
+      const std::int16_t* const from = result.candidate_16ths[y];
+      const cv::Range in_left = covered_at(pair.left, level, y);
+      const cv::Range in_right = covered_at(pair.right, level, y);
       std::int32_t* const to = offsets[y];
       std::fill_n(to, size.width, kNoOffset);
       for (int x = in_left.start; x < in_left.end; ++x) {
-        const int candidate_16ths = from[x >> level];
-        const int column = x + ((candidate_16ths << level) >> 4);
+        const int candidate_16ths = from[x], column = x + (candidate_16ths >> 4);
         const bool is_seen = candidate_16ths != sgm::kNone && column >= in_right.start + 1 &&
                              column < in_right.end - 2;
-        if (is_seen) to[x] = candidate_16ths << (level + 4);
+        if (is_seen) to[x] = candidate_16ths << 4;
       }
     }
   });
   return offsets;
 }
 
-void finish_rows(const sgm::LevelResult& result, const RefinedOffsets& refined, int largest_px,
-                 const MatchParameters& parameters, int start, int end, DisparityMap& map) {
-  const auto variance_max = static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px);
-  const auto largest = static_cast<float>(largest_px);
-  for (int y = start; y < end; ++y) {
-    const uchar* const margin = result.margin[y >> parameters.finest_level];
-    for (int x = 0; x < map.disparity_px.cols; ++x) {
-      const float variance = refined.variance_px2(y, x);
-      const bool is_known = variance <= variance_max;
-      map.disparity_px(y, x) = is_known ? largest - refined.offset_px(y, x) : kNan;
-      map.variance_px2(y, x) = is_known ? variance : kNan;
-      map.confidence(y, x) =
-          is_known
-              ? std::min(static_cast<float>(margin[x >> parameters.finest_level]) / kClearMargin,
-                         1.F)
-              : 0.F;
+/// What is known on the finest matched level, as rows of the full grid: between a level's pixels
+/// linearly, but never across an edge.
+class Upsampler {
+ public:
+  Upsampler(const sgm::LevelResult& result, const RefinedOffsets& refined, int largest_px,
+            const MatchParameters& parameters)
+      : result_(result),
+        refined_(refined),
+        level_(parameters.finest_level),
+        largest_(static_cast<float>(largest_px)),
+        variance_max_(static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px) /
+                      static_cast<float>(1 << (2 * level_))),
+        column_(static_cast<std::size_t>(refined.offset_px.cols) + 2) {}
+
+  void row(int y, DisparityMap& map) {
+    const int size = 1 << level_, at = y >> level_, rows = refined_.offset_px.rows;
+    // Where this row lies between those of the level: share of the further one.
+    const float place = (static_cast<float>(y % size) + 0.5F) / static_cast<float>(size) - 0.5F;
+    const int beside = std::clamp(at + (place < 0 ? -1 : 1), 0, rows - 1);
+    between(refined_.offset_px[at], refined_.variance_px2[at], refined_.offset_px[beside],
+            std::abs(place));
+    for (int i = 0; i < size; ++i) {
+      const float across = (static_cast<float>(i) + 0.5F) / static_cast<float>(size) - 0.5F;
+      phase(across, i, y, map);
     }
   }
-}
+
+ private:
+  static constexpr float kEdgePx = 1;  // of the level
+
+  static float mixed(float own, float other, float share) {
+    const float step = other - own;
+    return step < kEdgePx && step > -kEdgePx ? own + share * step : own;
+  }
+  void between(const float* own, const float* variance, const float* other, float share) {
+    const int width = refined_.offset_px.cols;
+    for (int x = 0; x < width; ++x) {
+      const float value = mixed(own[x], other[x], share);
+      column_[static_cast<std::size_t>(x) + 1] = variance[x] <= variance_max_ ? value : kNan;
+    }
+    column_.front() = column_.back() = kNan;
+  }
+  void phase(float across, int i, int y, DisparityMap& map) const {
+    const int width = refined_.offset_px.cols, size = 1 << level_;
+    const float scale = static_cast<float>(size), share = std::abs(across);
+    const float* const own = column_.data() + 1;
+    const float* const other = own + (across < 0 ? -1 : 1);
+    const float* const variance = refined_.variance_px2[y >> level_];
+    const uchar* const margin = result_.margin[y >> level_];
+    float* const disparity = map.disparity_px[y] + i;
+    float* const variances = map.variance_px2[y] + i;
+    float* const confidence = map.confidence[y] + i;
+    for (int x = 0; x < width; ++x) {
+      const float offset = mixed(own[x], other[x], share);
+      const bool is_known = offset == offset;
+      disparity[size * x] = largest_ - scale * offset;
+      variances[size * x] = is_known ? scale * scale * variance[x] : kNan;
+      const float clear = static_cast<float>(margin[x]) / kClearMargin;
+      confidence[size * x] = is_known ? std::min(clear, 1.F) : 0.F;
+    }
+  }
+
+  const sgm::LevelResult& result_;
+  const RefinedOffsets& refined_;
+  int level_;
+  float largest_, variance_max_;
+  std::vector<float> column_;  // one more at either end
+};
 
 DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange range,
                        const MatchParameters& parameters, WorkerPool& pool, Simd simd) {
@@ -156,18 +219,20 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
       match_pyramid(levels, range, parameters, pool, simd, map.ambiguous_share);
   drop_uncertain(parameters, result);
   const auto matched = Clock::now();
+  const Level& finest = levels[static_cast<std::size_t>(parameters.finest_level)];
   std::vector<ShotPair> shots;
-  for (const RectifiedPair& pair : pairs) shots.push_back({pair.left.pixels, pair.right.pixels});
-  const cv::Mat1i offsets = full_offsets(result, parameters.finest_level, pairs[0], pool);
+  for (std::size_t i = 0; i < pairs.size(); ++i) shots.push_back({finest.left[i], finest.right[i]});
+  const cv::Mat1i offsets = offsets_of(result, parameters.finest_level, pairs[0], pool);
   RefinedOffsets refined;
   refine_offsets(shots, offsets, parameters.refinement, pool, refined, simd);
   const cv::Size size = pairs[0].left.pixels.size();
   map.disparity_px.create(size);
   map.variance_px2.create(size);
   map.confidence.create(size);
-  pool.run((size.height + kRowsPerTask - 1) / kRowsPerTask, [&](int task) {
-    finish_rows(result, refined, range.minimum_px + range.count - 1, parameters,
-                task * kRowsPerTask, std::min((task + 1) * kRowsPerTask, size.height), map);
+  pool.run(tasks_of(size.height), [&](int task) {
+    Upsampler upsampler(result, refined, range.minimum_px + range.count - 1, parameters);
+    const int end = std::min((task + 1) * kRowsPerTask, size.height);
+    for (int y = task * kRowsPerTask; y < end; ++y) upsampler.row(y, map);
   });
   map.match_time = matched - start;
   map.refine_time = Clock::now() - matched;
@@ -217,10 +282,15 @@ MatchParameters match_parameters_for(cv::Size image_px) {
   const int pixels = image_px.area();
   parameters.coarsest_level = pixels < kSmallPx ? 0 : pixels < kLargePx ? 1 : 2;
   parameters.finest_level = pixels < kLargePx ? 0 : 1;
-  parameters.refinement.radius_px = parameters.finest_level > 0 ? 9 : 4;
-  parameters.margin_min = parameters.finest_level > 0 ? 8 : 3;
-  parameters.sigma_max_px = parameters.finest_level > 0 ? 0.8 : 1.5;
-  parameters.refinement.start_near_px = parameters.finest_level > 0 ? 2.5F : 0.75F;
+  if (parameters.finest_level == 0) {
+    parameters.refinement.radius_px = 4;
+    parameters.margin_min = 3;
+    parameters.sigma_max_px = 3;
+  } else {
+    parameters.refinement = {8, 2, 1.25F, 0.35F, 1.F, 0.15F};
+    parameters.margin_min = 4;
+    parameters.sigma_max_px = 2.5;
+  }
   return parameters;
 }
 

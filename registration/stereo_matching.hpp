@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Dense disparity of a rectified pair, with a variance per pixel. Census and semi-global matching
 // on a pyramid (every candidate on the coarsest level, windows around its result on the finer
-// ones), then least squares on the full-resolution intensities. OpenCV's SGBM, as paper A uses it,
+// ones), then least squares on the intensities of the finest level matched, and linear
+// interpolation from there. OpenCV's SGBM, as paper A uses it,
 // is the selectable baseline. Pixels that cannot be known are NaN, never filled.
 #pragma once
 
@@ -36,7 +37,7 @@ struct MatchParameters {
   int margin_min = 8;                 ///< to the second-best candidate, of 255; less: unknown
   int speckle_min_px = 400;   ///< smaller connected pieces (full-resolution pixels) are unknown
   double sigma_max_px = 0.8;  ///< predicted error; more: unknown
-  RefinementParameters refinement;
+  RefinementParameters refinement;  ///< its pixels are those of finest_level
 };
 
 /// The parameters for images of this size. Large microscope images resolve no single pixel: they

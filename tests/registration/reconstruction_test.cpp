@@ -23,6 +23,7 @@ using test::StereoRig;
 struct Errors {
   double median_mm = 0, share_above_1mm = 0;
   double ratio_68 = 0;       // 68th percentile of error over predicted sigma; 1 where that is true
+  double squared_ratio = 0;  // mean of (error over sigma)², each cut at 25; likewise
   double trusted_wrong = 0;  // share more than 1 mm wrong, and by more than 5 of those sigmas
   std::size_t count = 0;
 };
@@ -31,6 +32,7 @@ Errors errors_of(const StereoRig& rig, const Rectification& geometry,
                  const Reconstruction& result) {
   std::vector<double> errors, ratios;
   std::size_t wrong = 0, trusted_wrong = 0;
+  double squares = 0;
   for (int y = 0; y < result.depth_mm.rows; y += 3)
     for (int x = 0; x < result.depth_mm.cols; x += 3) {
       const double depth = static_cast<double>(result.depth_mm(y, x));
@@ -39,6 +41,7 @@ Errors errors_of(const StereoRig& rig, const Rectification& geometry,
           depth - rig.true_depth_mm(geometry, result.region_px.x + x, result.region_px.y + y));
       errors.push_back(error);
       ratios.push_back(error / std::sqrt(static_cast<double>(result.depth_variance_mm2(y, x))));
+      squares += std::min(ratios.back() * ratios.back(), 25.0);
       if (error > 1) ++wrong;
       if (error > 1 && ratios.back() > 5) ++trusted_wrong;
     }
@@ -50,8 +53,8 @@ Errors errors_of(const StereoRig& rig, const Rectification& geometry,
     return *at;
   };
   const double n = static_cast<double>(errors.size());
-  return {quantile(errors, 0.5), static_cast<double>(wrong) / n, quantile(ratios, 0.68),
-          static_cast<double>(trusted_wrong) / n, errors.size()};
+  return {quantile(errors, 0.5), static_cast<double>(wrong) / n,         quantile(ratios, 0.68),
+          squares / n,           static_cast<double>(trusted_wrong) / n, errors.size()};
 }
 
 Reconstruction reconstruct(const StereoRig& rig, const StereoShot& shot,
@@ -75,8 +78,25 @@ TEST(Reconstruction, SurfaceIsTheTrueOneAndBetterThanTheBaselines) {
   EXPECT_LT(error.median_mm, 0.03);  // 1 px of disparity is 0.8 mm here
   EXPECT_LT(error.share_above_1mm, 0.005);
   EXPECT_LT(error.median_mm, error_opencv.median_mm / 3);
-  EXPECT_GT(error.ratio_68, 0.7) << "the stated variance is too large";
-  EXPECT_LT(error.ratio_68, 1.5) << "the stated variance is too small";
+}
+
+TEST(Reconstruction, StatedVarianceIsThatOfTheErrorInScenesOfManyKinds) {
+  StereoRig noisy, shallow, fine, dark;
+  noisy.noise_grey = 5;
+  shallow.relief_mm = 0.5;
+  fine.dot_pitch_mm = 0.8;
+  fine.dot_radius_mm = 0.25;
+  dark.contrast_grey = 40;
+  dark.seed = 7;
+  for (const StereoRig& rig : {StereoRig{}, noisy, shallow, fine, dark}) {
+    const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()});
+    ASSERT_EQ(result.status, Status::done) << result.evidence;
+    const Errors error = errors_of(rig, rectification_of(rig.calibration(), rig.image_px), result);
+    EXPECT_GT(error.squared_ratio, 0.4) << "the stated variance is too large";
+    EXPECT_LT(error.squared_ratio, 2.0) << "the stated variance is too small";
+    EXPECT_GT(error.ratio_68, 0.55);
+    EXPECT_LT(error.ratio_68, 1.3);
+  }
 }
 
 TEST(Reconstruction, PointsDepthAndDisparityAreOneSurface) {
