@@ -3,9 +3,9 @@
 """The control loop under Debian's PREEMPT_RT kernel in virtual time: what it may not do, it is caught doing.
 
 In one guest: the loop alone, the loop under hackbench, and five loops with a planted fault each (malloc,
-page touch, lock without priority inheritance, printf, drifting grid), all of which must be caught. In a
-second guest, with Debian's ordinary kernel: the loop under hackbench, which must fail, or the measurement
-could not tell the two apart.
+page touch, lock without priority inheritance, printf, drifting grid), all of which must be caught; and the
+microscope on vcan (classic and FD) and on two emulated SJA1000 controllers. In a second guest, with Debian's
+ordinary kernel: the loop under hackbench, which must fail, or the measurement could not tell the two apart.
 
 It shows logic, locking and instruction counts on the kernel that the robot PC runs, not that PC's hardware.
 
@@ -26,8 +26,13 @@ HERE = pathlib.Path(__file__).resolve().parent
 MUTANTS = {  # what must be among the findings
     "malloc": "allocations", "page_touch": "page_faults", "mutex": "missed", "printf": "system_calls",
     "grid_drift": "missed"}
+CAN = {  # bus: what must be 1 on it
+    "can_vcan": ("optics_known", "receive_overflow", "error_passive", "bus_off", "bus_off_stays", "interface_down"),
+    "can_vcan_fd": ("optics_known", "receive_overflow", "error_passive", "bus_off", "bus_off_stays", "interface_down"),
+    "can_sja1000": ("optics_known", "receive_overflow", "queue_filled", "transmit_queue_full")}
+CAN_COMMANDS, CONFIRM_MAX_MS, MISSING_MAX_MS = 200, 5, 40  # 40 ms: two heartbeat periods
 # Cycles: quiet, loaded, of each mutant, of the control. A cycle is a millisecond.
-SIZES = {"quick": (3000, 1500, 500, 1500), "full": (600_000, 600_000, 5000, 20_000)}
+SIZES = {"quick": (2000, 800, 300, 800), "full": (600_000, 600_000, 5000, 20_000)}
 
 
 def run_guest(kernel, bin_directory, cycles, timeout):
@@ -72,7 +77,22 @@ def summarise(rt, plain):
         "control_kernel_failed": bool({"wake", "missed"} & set(failures_of(plain, "loaded"))),
         "mutants_caught": len(caught), "mutants": len(MUTANTS),
         "mutants_missed": sorted(set(MUTANTS) - set(caught)),
+        "can": {
+            "confirm_ms_p99": max(rt[bus]["confirm_ms_p99"] for bus in CAN),
+            "node_never_seen_ms": max(rt[bus]["never_seen_ms"] for bus in CAN),
+            "node_fell_silent_ms": max(rt[bus]["fell_silent_ms"] for bus in CAN)},
         "runs": {"rt": rt, "control": plain}}
+
+
+def can_problem(rt, bus):
+    """What is not as required on this bus, or None."""
+    seen = rt[bus]
+    wrong = [key for key in CAN[bus] if seen.get(key) != 1]
+    if seen["commands_confirmed"] != CAN_COMMANDS or seen["confirm_ms_p99"] > CONFIRM_MAX_MS:
+        wrong.append("confirmation")
+    if not all(0 <= seen[key] <= MISSING_MAX_MS for key in ("never_seen_ms", "fell_silent_ms")):
+        wrong.append("missing node")
+    return f"{bus}: {', '.join(wrong)}: {json.dumps(seen)}" if wrong else None
 
 
 def checks(rt, result):
@@ -87,6 +107,8 @@ def checks(rt, result):
         ("MakesNoCallThatMayWait", "SR-77", clean("quiet", *forbidden) or clean("loaded", *forbidden)),
         ("CatchesEveryMutant", "SR-77,SR-78", None if result["mutants_caught"] == result["mutants"] else
          f"not caught: {', '.join(result['mutants_missed'])}"),
+        *((f"Microscope{bus.removeprefix('can_').title().replace('_', '')}", "SR-91,SR-93,SR-95", can_problem(rt, bus))
+          for bus in CAN),
         ("ControlKernelFails", "SR-78", None if result["control_kernel_failed"] else
          f"the ordinary kernel passed: {json.dumps(result['runs']['control'].get('loaded'))}")]
 

@@ -8,6 +8,7 @@
 namespace holdfast::sim {
 
 void add_camera_command(CLI::App& program);
+void add_can_command(CLI::App& program);
 void add_ct_command(CLI::App& program);
 void add_demo_command(CLI::App& program);
 void add_reaction_commands(CLI::App& program);

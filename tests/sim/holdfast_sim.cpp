@@ -11,6 +11,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
   holdfast::sim::add_camera_command(app);
+  holdfast::sim::add_can_command(app);
   holdfast::sim::add_ct_command(app);
   holdfast::sim::add_demo_command(app);
   holdfast::sim::add_reaction_commands(app);
