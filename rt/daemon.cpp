@@ -5,6 +5,7 @@
 #include <thread>
 #include <vector>
 
+#include <fmt/chrono.h>
 #include <opencv2/core/utility.hpp>
 #include <spdlog/spdlog.h>
 
@@ -84,8 +85,6 @@ void log_changes(Publisher::Log& log) {
 /// published, before the first cycle.
 safety::ReasonSet probe_real_time(const LoopParameters& loop) {
   safety::ReasonSet advisories;
-  advisories.insert(
-      safety::Reason::unsecured_transport);  // this version has no DDS Security profile
   MemoryLockParameters memory;
   memory.allow_non_rt = loop.allow_non_rt;
   std::vector<std::string> warnings = lock_memory(memory);
@@ -97,13 +96,29 @@ safety::ReasonSet probe_real_time(const LoopParameters& loop) {
   return advisories;
 }
 
+/// Says at start what will end the service one day, and what is open to everybody.
+safety::ReasonSet look_at_security(const SecurityConfig& security) {
+  safety::ReasonSet advisories;
+  if (security.folder.empty()) {
+    advisories.insert(safety::Reason::unsecured_transport);
+    spdlog::warn("DDS is unsecured: anyone on this network may read and write the topics");
+    return advisories;
+  }
+  constexpr std::chrono::days kNotice{30};
+  if (security.valid_until < std::chrono::system_clock::now() + kNotice)
+    spdlog::warn("the keys in {} end on {:%Y-%m-%d}; no new connection is made after that",
+                 security.folder.string(), security.valid_until);
+  return advisories;
+}
+
 }  // namespace
 
 void run_daemon(const DaemonConfig& config) {
   cv::setNumThreads(1);  // each of our threads does its own work; no pool behind our back
 
   // 1. Real-time memory and scheduling, or a refusal.
-  const safety::ReasonSet advisories = probe_real_time(config.loop);
+  safety::ReasonSet advisories = probe_real_time(config.loop);
+  advisories.insert(look_at_security(config.security));
   const safety::RegistrationInput registration = registration_input(config);
 
   // 2. The domain is ours, or a refusal. Nothing is published before the first cycle.

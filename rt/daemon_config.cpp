@@ -7,6 +7,7 @@
 
 #include "bridge/camera_file.hpp"
 #include "bridge/config_file.hpp"
+#include "bridge/key_store.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
@@ -17,6 +18,19 @@ using bridge::Range;
 
 constexpr Range kPriority{1, 98};
 constexpr double kQuaternionTolerance = 1e-3;
+
+/// Unsecured must be asked for: nobody forgets it by leaving a line out.
+SecurityConfig read_security(const ConfigSection& section) {
+  SecurityConfig security;
+  const bool is_unsecured_allowed = section.boolean("allow_unsecured", false);
+  if (section.has("security") == is_unsecured_allowed)
+    throw InputError(fmt::format(
+        "{}: give either the folder of this daemon's keys (`holdfast keys` makes it) or "
+        "allow_unsecured = true",
+        section.where("security")));
+  if (!is_unsecured_allowed) security.use(section.path("security"));
+  return security;
+}
 
 LoopParameters read_loop(const ConfigSection& section) {
   LoopParameters loop;
@@ -184,11 +198,17 @@ void require_same_size(const DaemonConfig& config, const std::string& where) {
 
 }  // namespace
 
+void SecurityConfig::use(const std::filesystem::path& keys) {
+  valid_until = bridge::require_valid_identity(keys, std::chrono::system_clock::now()).not_after;
+  folder = keys;
+}
+
 DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   const bridge::ConfigFile document{file};
   const ConfigSection root = document.root();
   DaemonConfig config;
   config.domain = root.section("dds").integer("domain", 0, {0, 230});
+  config.security = read_security(root.section("dds"));
   config.loop = read_loop(root.section("loop"));
   config.camera = read_camera(root.section("camera"));
   config.frame_check = read_frame_check(root.section("frame_check"));

@@ -2,6 +2,7 @@
 // Everything holdfastd is told, in one struct: read once, validated, then constant.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -33,8 +34,19 @@ struct LoopParameters {
   bool allow_non_rt = false;  ///< go on, and say so in every health message
 };
 
+/// DDS Security: who this daemon is on the network.
+struct SecurityConfig {
+  std::filesystem::path folder;  ///< of `holdfast keys`; empty: unsecured, as was asked for
+  std::chrono::sys_seconds valid_until;
+
+  /// Takes `keys` as who this daemon is. Throws InputError when that is not a whole, valid
+  /// identity.
+  void use(const std::filesystem::path& keys);
+};
+
 struct DaemonConfig {
   int domain = 0;
+  SecurityConfig security;
   LoopParameters loop;
   bridge::CameraParameters camera;
   bridge::FrameCheckLimits frame_check;

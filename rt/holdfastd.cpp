@@ -19,7 +19,7 @@ struct Options {
   bool is_check_only = false;
   bool allow_non_rt = false;
   std::optional<int> domain;
-  std::string camera;
+  std::string camera, security;
 };
 
 void run(const Options& options) {
@@ -27,6 +27,7 @@ void run(const Options& options) {
   if (options.allow_non_rt) config.loop.allow_non_rt = true;
   if (options.domain) config.domain = *options.domain;
   if (!options.camera.empty()) config.camera.id = options.camera;
+  if (!options.security.empty()) config.security.use(options.security);
   if (options.is_check_only) {
     fmt::print("{}: fine; registration {}\n", options.config.string(),
                config.registration.checksum);
@@ -60,6 +61,8 @@ int main(int argc, char** argv) {
   app.add_option("--domain", options.domain, "DDS domain, overrides the file")
       ->check(CLI::Range(0, 230));
   app.add_option("--camera", options.camera, "camera id or IP address, overrides the file");
+  app.add_option("--security", options.security,
+                 "folder of this daemon's keys (`holdfast keys`), overrides the file");
   app.callback([&options] { run(options); });
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

@@ -22,7 +22,9 @@ std::uint32_t whole_us(std::chrono::nanoseconds duration) {
 
 Publisher::Publisher(const DaemonConfig& config, const safety::RegistrationInput& registration,
                      safety::ReasonSet advisories)
-    : participant_({.domain = static_cast<std::uint32_t>(config.domain), .configuration = {}}),
+    : participant_({.domain = static_cast<std::uint32_t>(config.domain),
+                    .configuration = {},
+                    .security = config.security.folder.string()}),
       claim_(participant_),
       source_(dds::random_source()),
       poses_(participant_, source_),

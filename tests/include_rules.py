@@ -20,7 +20,7 @@ RULES = {
     "bridge/client": (["bridge", "safety", "rt/core"], [r"dds/", r"holdfast\.h$"]),
     "bridge/client/example": ([], [r"holdfast/client\.hpp$"]),
     "bridge": (["bridge", "safety", "perception", "registration", "rt/core"],
-               [EIGEN, OPENCV, r"arv\.h$", r"glib", r"dds/", r"holdfast\.h$", r"toml\+\+/", r"fmt/",
+               [EIGEN, OPENCV, r"arv\.h$", r"glib", r"dds/", r"holdfast\.h$", r"toml\+\+/", r"fmt/", r"openssl/",
                 r"CLI/", r"nlohmann/", r"tiffio\.h$", r"SDL2/"]),
     "rt/core": (["rt/core"], []),
     "rt": (["rt", "safety", "perception", "registration", "bridge"],

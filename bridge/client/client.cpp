@@ -46,7 +46,9 @@ constexpr int kMaxBatches = 16;
 struct Client::Impl {
   explicit Impl(const Parameters& parameters)
       : core(checked(parameters)),
-        participant({.domain = parameters.domain, .configuration = parameters.configuration}),
+        participant({.domain = parameters.domain,
+                     .configuration = parameters.configuration,
+                     .security = parameters.security}),
         poses(participant),
         stops(participant),
         status(participant, random_source()),

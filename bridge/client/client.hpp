@@ -62,6 +62,7 @@ inline constexpr std::size_t kRefusalCodes = 30;
 struct Parameters {
   std::uint32_t domain = 0;   ///< DDS domain
   std::string configuration;  ///< Cyclone XML or file URI; empty: environment CYCLONEDDS_URI
+  std::string security{};     ///< folder of `holdfast keys` for a robot; empty: unsecured
   ClockRelation clock = ClockRelation::same_host;
   /// A message is valid for as long as it claims, but never longer than this after its sending.
   std::chrono::nanoseconds validity_max = std::chrono::milliseconds(20);

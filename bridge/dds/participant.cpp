@@ -2,11 +2,13 @@
 #include "bridge/dds/participant.hpp"
 
 #include <algorithm>
+#include <cstdlib>
 #include <mutex>
 #include <utility>
 
 #include <dds/dds.h>
 
+#include "bridge/dds/security.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::bridge::dds {
@@ -20,6 +22,18 @@ std::uint32_t checked_domain(std::uint32_t domain) {
     throw InputError("dds: domain " + std::to_string(domain) + " is out of range, 0.." +
                      std::to_string(kMaxDomain));
   return domain;
+}
+
+/// A comma-separated list, as Cyclone takes it: what comes later adds to what came before. Empty:
+/// Cyclone reads its environment by itself.
+std::string configuration_of(const ParticipantParameters& parameters) {
+  if (parameters.security.empty()) return parameters.configuration;
+  const char* environment = std::getenv("CYCLONEDDS_URI");
+  std::string list = !parameters.configuration.empty() ? parameters.configuration
+                     : environment != nullptr          ? environment
+                                                       : "";
+  if (!list.empty()) list += ',';
+  return list + security_configuration(parameters.security);
 }
 
 }  // namespace
@@ -65,9 +79,8 @@ std::vector<std::string> MismatchLog::lines() const {
 Participant::Participant(const ParticipantParameters& parameters)
     : domain_(checked_domain(parameters.domain)) {
   const std::string where = " domain " + std::to_string(domain_);
-  if (!parameters.configuration.empty())
-    domain_entity_ =
-        Entity(dds_create_domain(domain_, parameters.configuration.c_str()), "configure" + where);
+  if (const std::string configuration = configuration_of(parameters); !configuration.empty())
+    domain_entity_ = Entity(dds_create_domain(domain_, configuration.c_str()), "configure" + where);
   participant_ = Entity(dds_create_participant(domain_, nullptr, nullptr), "join" + where);
 }
 

@@ -47,13 +47,14 @@ class MismatchLog {
 struct ParticipantParameters {
   std::uint32_t domain = 0;   ///< 0..232
   std::string configuration;  ///< Cyclone XML or file URI; empty: the CYCLONEDDS_URI environment
+  std::string security{};     ///< folder of `holdfast keys` (security.hpp); empty: unsecured
 };
 
 class Participant {
  public:
-  /// Throws InputError on a domain id out of range, UnavailableError with Cyclone's reason when the
-  /// network or the configuration does not allow it. `configuration` can be given once per domain
-  /// and process.
+  /// Throws InputError on a domain id out of range and on a security folder that is not whole,
+  /// UnavailableError with Cyclone's reason when the network or the configuration does not allow
+  /// it. `configuration` and `security` can be given once per domain and process.
   explicit Participant(const ParticipantParameters& parameters);
 
   [[nodiscard]] std::int32_t handle() const noexcept { return participant_.handle(); }

@@ -13,15 +13,16 @@ extern char** environ;
 
 namespace holdfast::bridge::dds {
 
-Peer::Peer(const std::string& role, unsigned domain) {
+Peer::Peer(const std::string& role, unsigned domain, const std::string& keys) {
   std::array<int, 2> out{};
   if (pipe(out.data()) != 0) throw std::runtime_error("pipe");
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_adddup2(&actions, out[1], STDOUT_FILENO);
   posix_spawn_file_actions_addclose(&actions, out[0]);
-  std::vector<std::string> words{HOLDFAST_DDS_PEER, role, std::to_string(domain)};
-  std::array<char*, 4> argv{words[0].data(), words[1].data(), words[2].data(), nullptr};
+  std::vector<std::string> words{HOLDFAST_DDS_PEER, role, std::to_string(domain), keys};
+  std::array<char*, 5> argv{words[0].data(), words[1].data(), words[2].data(),
+                            keys.empty() ? nullptr : words[3].data(), nullptr};
   const int error = posix_spawn(&pid_, argv[0], &actions, nullptr, argv.data(), environ);
   posix_spawn_file_actions_destroy(&actions);
   close(out[1]);

@@ -12,8 +12,8 @@ namespace holdfast::bridge::dds {
 
 class Peer {
  public:
-  /// Starts `dds_peer ROLE DOMAIN` and waits for its first line of output.
-  Peer(const std::string& role, unsigned domain);
+  /// Starts `dds_peer ROLE DOMAIN [KEYS]` and waits for its first line of output.
+  Peer(const std::string& role, unsigned domain, const std::string& keys = {});
   ~Peer();  ///< kills it
   Peer(const Peer&) = delete;
   Peer& operator=(const Peer&) = delete;

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// The other process of the DDS tests: dds_peer ROLE DOMAIN, until a signal ends it.
+// The other process of the DDS tests: dds_peer ROLE DOMAIN [KEYS], until a signal ends it.
 //   publish  one good pose and one permitting stop message a millisecond
 //   claim    the domain's daemon, as the real one claims it
+//   flood    as publish, whoever listens or does not
 //   rogue    a writer of poses that asks nobody, as from another host
 #include <csignal>
 #include <cstdio>
@@ -22,8 +23,8 @@ using holdfast::bridge::dds::ScriptedDaemon;
 
 volatile std::sig_atomic_t is_ended = 0;
 
-void run(const std::string& role, unsigned domain) {
-  const Participant participant({.domain = domain, .configuration = {}});
+void run(const std::string& role, unsigned domain, const std::string& keys) {
+  const Participant participant({.domain = domain, .configuration = {}, .security = keys});
   std::optional<DaemonClaim> claim;
   if (role == "claim") claim.emplace(participant);
   ScriptedDaemon daemon(participant);
@@ -32,7 +33,7 @@ void run(const std::string& role, unsigned domain) {
   timespec t{};
   clock_gettime(CLOCK_MONOTONIC, &t);
   while (is_ended == 0) {
-    if (role == "publish" && daemon.has_robot()) daemon.permit();
+    if (role == "flood" || (role == "publish" && daemon.has_robot())) daemon.permit();
     t.tv_nsec += 1'000'000;
     if (t.tv_nsec >= 1'000'000'000) {
       t.tv_nsec -= 1'000'000'000;
@@ -45,10 +46,10 @@ void run(const std::string& role, unsigned domain) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc != 3) return 2;
+  if (argc != 3 && argc != 4) return 2;
   std::signal(SIGTERM, [](int) { is_ended = 1; });
   try {
-    run(argv[1], static_cast<unsigned>(std::atoi(argv[2])));
+    run(argv[1], static_cast<unsigned>(std::atoi(argv[2])), argc == 4 ? argv[3] : "");
   } catch (const std::exception& e) {
     std::printf("%s\n", e.what());
     return 1;

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "bridge/dds/daemon_claim.hpp"
+#include "bridge/key_store.hpp"
 #include "tests/sim/demo/rig.hpp"
 
 namespace {
@@ -20,8 +21,8 @@ namespace fs = std::filesystem;
 
 class DaemonCommand : public ::testing::Test {
  protected:
-  /// The virtual site's files, rendered once for all tests of this process. Not in SetUpTestSuite():
-  /// when that fails the tests are skipped, which ctest takes for success.
+  /// The virtual site's files, rendered once for all tests of this process. Not in
+  /// SetUpTestSuite(): when that fails the tests are skipped, which ctest takes for success.
   static void render_setup() {
     if (is_rendered_) return;
     fs::create_directories(setup_);
@@ -90,6 +91,34 @@ TEST_F(DaemonCommand, NamesAValueOutOfRange) {
   RecordProperty("requirement", "SR-82");
   replace("pose_validity_ms = 18", "pose_validity_ms = 21");
   expect_refused("safety.pose_validity_ms = 21 is out of range 2 to 20 ms");
+}
+
+TEST_F(DaemonCommand, RefusesToBeUnsecuredUnlessAsked) {
+  RecordProperty("requirement", "SR-89");
+  replace("allow_unsecured = true", "");
+  expect_refused("dds.security");
+  EXPECT_NE(err_.find("allow_unsecured = true"), std::string::npos) << err_;
+}
+
+TEST_F(DaemonCommand, StartsOnlyWithKeysThatAreValidNow) {
+  RecordProperty("requirement", "SR-89");
+  namespace bridge = holdfast::bridge;
+  const fs::path authority = folder_ / "authority";
+  bridge::make_authorities(authority, std::chrono::days{2});
+  const auto make = [&](const char* name, int days) {
+    bridge::make_participant(authority, folder_ / name, *bridge::dds::find_role("daemon"), name,
+                             std::chrono::days{days});
+  };
+  make("now", 1);
+  make("past", -1);
+  replace("allow_unsecured = true", "security = \"now\"");
+  EXPECT_EQ(run("--check"), 0) << err_;
+  replace("\"now\"", "\"past\"");
+  expect_refused("past/certificate.pem: valid from");
+  replace("\"past\"", "\"nowhere\"");
+  expect_refused("nowhere/");
+  replace("security = \"nowhere\"", "security = \"now\"\nallow_unsecured = true");
+  expect_refused("either");
 }
 
 TEST_F(DaemonCommand, RefusesLimitsThatContradict) {

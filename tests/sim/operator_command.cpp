@@ -45,7 +45,7 @@ std::vector<std::string> names() {
 }
 
 struct OperatorOptions {
-  std::uint32_t domain = 0;
+  bridge::dds::ParticipantParameters dds;
   bool is_auto = false;
   std::string command;    ///< a name in command_by_name
   double duration_s = 0;  ///< --auto: 0 is until interrupted
@@ -100,8 +100,8 @@ class Habit {
 
 class Console {
  public:
-  explicit Console(std::uint32_t domain)
-      : participant_({.domain = domain, .configuration = {}}),
+  explicit Console(const bridge::dds::ParticipantParameters& dds)
+      : participant_(dds),
         commands_(participant_, bridge::dds::random_source()),
         stops_(participant_, receiver_parameters()) {}
 
@@ -146,7 +146,7 @@ class Console {
 constexpr long kLookPeriodMs = 5;
 
 void send_once(const OperatorOptions& options) {
-  Console console(options.domain);
+  Console console(options.dds);
   const nanoseconds end = bridge::dds::read_clocks().monotonic + from_seconds(options.timeout_s);
   for (;;) {
     const auto shown = console.look();
@@ -158,14 +158,14 @@ void send_once(const OperatorOptions& options) {
     }
     if (bridge::is_interrupted()) throw InterruptedError("interrupted before the command was sent");
     if (bridge::dds::read_clocks().monotonic > end)
-      throw UnavailableError("no daemon on domain " + std::to_string(options.domain) + " within " +
-                             std::to_string(options.timeout_s) + " s");
+      throw UnavailableError("no daemon on domain " + std::to_string(options.dds.domain) +
+                             " within " + std::to_string(options.timeout_s) + " s");
     pause_ms(kLookPeriodMs);
   }
 }
 
 void operate(const OperatorOptions& options) {
-  Console console(options.domain);
+  Console console(options.dds);
   Habit habit(from_seconds(options.reaction_ms / 1000));
   nanoseconds now = bridge::dds::read_clocks().monotonic;
   const nanoseconds end =
@@ -187,7 +187,8 @@ void operate(const OperatorOptions& options) {
 void add_operator_command(CLI::App& app) {
   auto options = std::make_shared<OperatorOptions>();
   CLI::App* command = app.add_subcommand("operator", "The person at the console.");
-  command->add_option("--domain", options->domain, "DDS domain")->check(CLI::Range(0, 232));
+  command->add_option("--domain", options->dds.domain, "DDS domain")->check(CLI::Range(0, 230));
+  command->add_option("--security", options->dds.security, "folder of an operator's keys");
   auto* what = command->add_option_group("what");
   what->add_flag("--auto", options->is_auto,
                  "arm when ready; acknowledge, confirm and re-arm after each stop");

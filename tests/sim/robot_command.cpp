@@ -229,7 +229,8 @@ void run_robot(const RobotOptions& options) {
 void add_robot_command(CLI::App& app) {
   auto options = std::make_shared<RobotOptions>();
   CLI::App* command = app.add_subcommand("robot", "A robot that obeys Holdfast, and logs it.");
-  command->add_option("--domain", options->client.domain, "DDS domain")->check(CLI::Range(0, 232));
+  command->add_option("--domain", options->client.domain, "DDS domain")->check(CLI::Range(0, 230));
+  command->add_option("--security", options->client.security, "folder of a robot's keys");
   command->add_option("--log", options->log_file, "CSV of every change and every pose acted on");
   command->add_option("--duration", options->duration_s, "s; otherwise until interrupted")
       ->check(CLI::PositiveNumber);

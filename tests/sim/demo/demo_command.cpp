@@ -125,6 +125,8 @@ void add_demo_command(CLI::App& app) {
   command->add_option("--camera", options->rig.camera_address, "address of the virtual camera")
       ->capture_default_str();
   command->add_option("--seed", options->rig.seed, "same seed, same scene")->capture_default_str();
+  command->add_flag("--secured", options->rig.is_secured,
+                    "with DDS Security: keys for everybody, made for this run");
   command->add_flag("--quick", options->is_quick, "short trajectories");
   command->add_option("--json", options->json_file, "write the result to this file as JSON");
   command->footer("Example: holdfast demo --out demo-out --json demo-out/result.json");

@@ -14,6 +14,7 @@
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
+#include "bridge/key_store.hpp"
 #include "rt/core/clock.hpp"
 #include "rt/core/error.hpp"
 
@@ -61,21 +62,23 @@ Rig::Rig(const RigParameters& parameters)
   std::filesystem::copy_file(parameters.daemon_config, config,
                              std::filesystem::copy_options::overwrite_existing);
   config_ = rt::load_daemon_config(config);
+  if (parameters.is_secured) make_keys();
 
   bridge::dds::ParticipantParameters observer;
   observer.domain = static_cast<std::uint32_t>(domain_);
+  if (!keys_.empty()) observer.security = keys_ / "observer";
   participant_ = std::make_unique<bridge::dds::Participant>(observer);
   stops_ = std::make_unique<bridge::dds::Reader<msg::MotionStop>>(*participant_);
   health_ = std::make_unique<bridge::dds::Reader<msg::TrackingHealth>>(*participant_);
 
   start_camera(parameters);
   const std::string domain = std::to_string(domain_);
-  robot_.emplace(
-      sim, std::vector<std::string>{"robot", "--domain", domain, "--log", robot_file().string()},
-      folder_ / "robot.log");
+  robot_.emplace(sim,
+                 identified("robot", {"robot", "--domain", domain, "--log", robot_file().string()}),
+                 folder_ / "robot.log");
   operator_.emplace(
       sim,
-      std::vector<std::string>{"operator", "--domain", domain, "--auto", "--reaction-ms", "100"},
+      identified("operator", {"operator", "--domain", domain, "--auto", "--reaction-ms", "100"}),
       folder_ / "operator.log");
   start_daemon();
 }
@@ -87,6 +90,23 @@ Rig::~Rig() {
       ...) {  // NOLINT(bugprone-empty-catch): the error that brought us here is the one to report
   }
   if (control_socket_ >= 0) close(control_socket_);
+}
+
+void Rig::make_keys() {
+  keys_ = folder_ / "keys";
+  std::filesystem::remove_all(keys_);
+  constexpr std::chrono::days kValidity{1};
+  bridge::make_authorities(keys_ / "authority", kValidity);
+  for (const bridge::dds::RoleRights& rights : bridge::dds::role_rights()) {
+    const std::string role{rights.role};
+    bridge::make_participant(keys_ / "authority", keys_ / role, rights, role, kValidity);
+  }
+}
+
+std::vector<std::string> Rig::identified(const std::string& role,
+                                         std::vector<std::string> words) const {
+  if (!keys_.empty()) words.insert(words.end(), {"--security", (keys_ / role).string()});
+  return words;
 }
 
 void Rig::start_camera(const RigParameters& parameters) {
@@ -101,8 +121,8 @@ void Rig::start_camera(const RigParameters& parameters) {
 
 void Rig::start_daemon() {
   daemon_.emplace(program_folder() / "holdfastd",
-                  std::vector<std::string>{"--config", folder_ / "holdfastd.toml", "--domain",
-                                           std::to_string(domain_), "--camera", camera_address_},
+                  identified("daemon", {"--config", folder_ / "holdfastd.toml", "--domain",
+                                        std::to_string(domain_), "--camera", camera_address_}),
                   folder_ / "daemon.log");
 }
 

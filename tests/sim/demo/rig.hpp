@@ -11,6 +11,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "bridge/dds/endpoint.hpp"
 #include "rt/daemon_config.hpp"
@@ -25,6 +26,7 @@ struct RigParameters {
   std::string camera_address = "127.0.0.1";
   std::string motion = "still";  ///< `holdfast-sim camera --motion`
   std::uint64_t seed = 1;
+  bool is_secured = false;  ///< keys are made in the folder, and everybody uses them
 };
 
 class Rig {
@@ -65,6 +67,10 @@ class Rig {
   [[nodiscard]] std::filesystem::path robot_file() const { return folder_ / "robot.csv"; }
 
  private:
+  void make_keys();
+  /// `words`, and who `role` is when the rig is secured.
+  [[nodiscard]] std::vector<std::string> identified(const std::string& role,
+                                                    std::vector<std::string> words) const;
   void start_camera(const RigParameters& parameters);
   void start_daemon();
   void require_running();
@@ -74,6 +80,7 @@ class Rig {
   std::filesystem::path folder_;
   int domain_;
   std::string camera_address_;
+  std::filesystem::path keys_;  ///< a folder a role; empty: unsecured
   rt::DaemonConfig config_;
   std::unique_ptr<bridge::dds::Participant> participant_;
   std::unique_ptr<bridge::dds::Reader<msg::MotionStop>> stops_;
