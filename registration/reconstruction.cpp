@@ -210,11 +210,10 @@ Finding Reconstructor::Impl::judge_result(const DisparityMap& map,
                     "or another rig's calibration?",
                     vertical.rms_px, options.vertical_limit_px)};
   if (map.ambiguous_share > options.ambiguous_share_max)
-    return {
-        Status::period_slip,
-        fmt::format("{:.0f} % of the matches have a rival as good elsewhere on their row, limit "
-                    "{:.0f} %: the pattern repeats",
-                    100 * map.ambiguous_share, 100 * options.ambiguous_share_max)};
+    return {Status::period_slip,
+            fmt::format("{:.0f} % of the scene fits nearly as well elsewhere on its rows, limit "
+                        "{:.0f} %: the pattern repeats",
+                        100 * map.ambiguous_share, 100 * options.ambiguous_share_max)};
   if (is_sparse)
     return {Status::no_surface,
             fmt::format("{:.1f} % of the region could be matched, must be {:.0f} %",

@@ -3,10 +3,10 @@
 // MiRe. Everything is in the rectified left frame (p = R1 · p_camera; x right, y down, z forward,
 // mm). Bad input is refused with a status and its evidence; what cannot be known is NaN.
 //
-// It does not safely detect period slip. On a pattern that repeats along the rows (paper A's
-// lattice) whole patches can come out a period too near or too far, with status `done` and a small
-// variance; tests/registration/reconstruction_test.cpp has such scenes. What prevents it is an
-// aperiodic pattern (pattern.hpp's default), not this check.
+// Period slip: a pattern that repeats along the rows (paper A's lattice) fits a period too near or
+// too far as well as where it is. pattern_repetition.hpp looks for that all over the scene: where
+// it is common the whole pair is refused, where it is rare those parts are unknown. A range of
+// depths that is smaller than a period (depth_reach_mm) makes a lattice usable.
 #pragma once
 
 #include <chrono>
@@ -33,7 +33,7 @@ enum class ReconstructionStatus {
   no_pattern,     ///< too little texture: the pattern is not projected, or out of focus
   views_swapped,  ///< left and right
   wrong_optics,   ///< the views do not lie on one another's rows: another zoom, another rig
-  period_slip,    ///< so many rivals are as good that the pattern must repeat; most slips pass
+  period_slip,    ///< the scene fits nearly as well elsewhere on its rows: the pattern repeats
   no_surface      ///< too few consistent matches
 };
 [[nodiscard]] std::string_view name(ReconstructionStatus status) noexcept;
@@ -53,7 +53,7 @@ struct ReconstructionOptions {
   int threads = 2;                       ///< 1 … 64; the result does not depend on it
   double density_min = 0.2;              ///< of the region; less is no_surface
   double vertical_limit_px = 0.35;       ///< rms over the image, of left against right rows
-  double ambiguous_share_max = 0.35;     ///< of the matched pixels; more is period_slip
+  double ambiguous_share_max = 0.05;     ///< of the scene; more is period_slip
 };
 
 struct ReconstructionTimes {
@@ -71,7 +71,7 @@ struct Reconstruction {
   std::size_t points = 0;
   double density = 0;                ///< share of the region that is known
   double vertical_disparity_px = 0;  ///< rms over the image; what the calibration leaves
-  double ambiguous_share = 0;        ///< of the matches; small does not mean that none slipped
+  double ambiguous_share = 0;  ///< of the scene: fits elsewhere on its rows too; unknown there
   ReconstructionTimes times;
 };
 

@@ -21,7 +21,6 @@ using Images = std::vector<cv::Mat1b>;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr int kRowsPerTask = 32;
-constexpr int kAmbiguousMargin = 6;      // of 255: a rival as good as the winner
 constexpr float kClearMargin = 64;       // of 255: confidence 1
 constexpr int kSpeckleStepIn16ths = 16;  // neighbours of one piece differ by at most a candidate
 
@@ -61,22 +60,9 @@ void drop_ends(const cv::Mat1s& base, int candidates, sgm::LevelResult& result) 
   }
 }
 
-/// Share of the matched pixels whose best rival, anywhere in the range, is as good.
-double ambiguous_share(const sgm::LevelResult& result) {
-  int matched = 0, ambiguous = 0;
-  for (int y = 0; y < result.cost.rows; ++y)
-    for (int x = 0; x < result.cost.cols; ++x) {
-      if (result.candidate_16ths(y, x) == sgm::kNone) continue;
-      ++matched;
-      if (result.margin(y, x) < kAmbiguousMargin) ++ambiguous;
-    }
-  return matched > 0 ? static_cast<double>(ambiguous) / matched : 1;
-}
-
-/// Candidates of the finest matched level; the ambiguity is that of the coarsest.
+/// Candidates of the finest matched level.
 sgm::LevelResult match_pyramid(std::span<const Level> levels, DisparityRange range,
-                               const MatchParameters& parameters, WorkerPool& pool, Simd simd,
-                               double& ambiguous) {
+                               const MatchParameters& parameters, WorkerPool& pool, Simd simd) {
   const double noise = noise_of(levels[0].left[0]);
   sgm::LevelResult result;
   for (int k = parameters.coarsest_level; k >= parameters.finest_level; --k) {
@@ -92,7 +78,6 @@ sgm::LevelResult match_pyramid(std::span<const Level> levels, DisparityRange ran
       sgm::search_windows(result.candidate_16ths, left.size(), candidates, pool, base);
     sgm::match_level(left, right, candidates / sgm::kBlock, base, parameters.penalties, pool,
                      result, simd);
-    if (k == parameters.coarsest_level) ambiguous = ambiguous_share(result);
     drop_ends(base, candidates, result);
   }
   return result;
@@ -215,8 +200,7 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
   const auto start = Clock::now();
   DisparityMap map;
   const auto levels = pyramid(pairs, parameters.coarsest_level, pool, simd);
-  sgm::LevelResult result =
-      match_pyramid(levels, range, parameters, pool, simd, map.ambiguous_share);
+  sgm::LevelResult result = match_pyramid(levels, range, parameters, pool, simd);
   drop_uncertain(parameters, result);
   const auto matched = Clock::now();
   const Level& finest = levels[static_cast<std::size_t>(parameters.finest_level)];
@@ -225,6 +209,12 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
   const cv::Mat1i offsets = offsets_of(result, parameters.finest_level, pairs[0], pool);
   RefinedOffsets refined;
   refine_offsets(shots, offsets, parameters.refinement, pool, refined, simd);
+  const Repetition repetition =
+      pattern_repetition(shots, refined.offset_px, range.count >> parameters.finest_level,
+                         parameters.repetition, pool);
+  map.ambiguous_share = repetition.ambiguous_share;
+  for (const WindowFit& fit : repetition.windows)
+    if (fit.is_ambiguous) refined.offset_px(fit.cell_px).setTo(kNan);
   const cv::Size size = pairs[0].left.pixels.size();
   map.disparity_px.create(size);
   map.variance_px2.create(size);

@@ -12,6 +12,7 @@
 #include <opencv2/core.hpp>
 
 #include "registration/disparity_refinement.hpp"
+#include "registration/pattern_repetition.hpp"
 #include "registration/rectified_image.hpp"
 #include "registration/sgm.hpp"
 
@@ -37,6 +38,7 @@ struct MatchParameters {
   int margin_min = 8;                 ///< to the second-best candidate, of 255; less: unknown
   int speckle_min_px = 400;   ///< smaller connected pieces (full-resolution pixels) are unknown
   double sigma_max_px = 0.8;  ///< predicted error; more: unknown
+  RepetitionParameters repetition;
   RefinementParameters refinement;  ///< its pixels are those of finest_level
 };
 
@@ -55,8 +57,8 @@ struct DisparityMap {
   cv::Mat1f disparity_px;  ///< NaN where unknown
   cv::Mat1f variance_px2;  ///< of the disparity; NaN where unknown
   cv::Mat1f confidence;    ///< 0 … 1: how far the best candidate was ahead of its rivals
-  /// Of the matched pixels, those with a rival as good among all candidates. A hint only: a slip
-  /// that all neighbours share has no rival left.
+  /// Of windows all over the scene, those that fit the other view nearly as well elsewhere on
+  /// their rows (pattern_repetition.hpp): 1 for a lattice, 0 for a pattern that never repeats.
   double ambiguous_share = 0;
   std::chrono::nanoseconds match_time{0}, refine_time{0};
 };

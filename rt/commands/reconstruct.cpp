@@ -36,12 +36,11 @@ constexpr const char* kExample =
     "The surface is in the rectified left camera (p = R1 * p_camera; the PLY says R1). A burst, "
     "several\nshots of the unmoved scene with different patterns, is given as --burst DIR or by "
     "repeating\n--left and --right. Exit code 1: the pair cannot be believed (too dark, saturated, "
-    "no pattern,\nviews swapped, another zoom's calibration, too few matches, or too many with a "
-    "rival "
-    "as good).\nA pattern that repeats along the rows is NOT safely detected: the exit code can be "
-    "0 "
-    "and whole\npatches lie a period too near or too far. Project an aperiodic one, `holdfast "
-    "pattern`'s default.";
+    "no pattern,\nviews swapped, another zoom's calibration, too few matches, or a pattern that "
+    "repeats along the\nrows, so that the surface could be a period off). Project an aperiodic "
+    "one, "
+    "`holdfast pattern`'s\ndefault; or, with a repeating one, search less than a period of depth "
+    "(--depth-reach-mm).";
 
 struct Options {
   std::vector<std::string> left, right;

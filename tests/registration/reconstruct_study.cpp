@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -20,6 +21,7 @@
 
 #include "registration/pattern.hpp"
 #include "registration/reconstruction.hpp"
+#include "tests/registration/support/stereo_rig.hpp"
 #include "tests/sim/or/ideal_calibration.hpp"
 #include "tests/sim/or/room.hpp"
 
@@ -227,15 +229,81 @@ std::vector<Scene> scenes() {
   return all;
 }
 
+/// One random pose over one random relief with dots of random size, turn and place.
+test::StereoRig random_rig(std::uint32_t seed, bool is_lattice) {
+  cv::RNG random(seed);
+  test::StereoRig rig;
+  rig.image_px = {320, 256};
+  rig.is_lattice = is_lattice;
+  rig.seed = seed;
+  rig.dot_pitch_mm = random.uniform(0.5, 1.6);
+  rig.dot_radius_mm = rig.dot_pitch_mm * random.uniform(0.2, 0.38);
+  rig.dots_turn_rad = random.uniform(-0.3, 0.3);
+  rig.dots_shift_mm = random.uniform(0.0, 2.0);
+  rig.relief_mm = random.uniform(0.5, 4.0);
+  rig.distance_mm = random.uniform(190.0, 210.0);
+  rig.contrast_grey = random.uniform(60.0, 150.0);
+  rig.texture_grey = random.uniform(0.0, 8.0);
+  rig.noise_grey = random.uniform(0.5, 3.0);
+  return rig;
+}
+
+/// How many reconstructions of `poses` scenes slip (more than 0.5 % of the points further than 2 mm
+/// away), with and without the refusal, and how many are refused.
+void study_slips(int poses, bool is_lattice) {
+  int refused = 0, refused_for_slip = 0, slipped = 0, undetected = 0;
+  for (int i = 0; i < poses; ++i) {
+    const test::StereoRig rig = random_rig(static_cast<std::uint32_t>(i + 1), is_lattice);
+    const registration::StereoShot shot{rig.left(), rig.right()};
+    const auto run = [&](bool has_check) {
+      registration::ReconstructionOptions options;
+      options.match = registration::match_parameters_for(rig.image_px);
+      if (!has_check) options.match->repetition.correlation_min = 2;  // never reached
+      registration::Reconstructor reconstructor(rig.calibration(), rig.image_px, options);
+      auto result = reconstructor.reconstruct(std::span(&shot, 1));
+      double wrong = 0, known = 0;
+      for (int y = 0; y < result.depth_mm.rows; y += 3)
+        for (int x = 0; x < result.depth_mm.cols; x += 3) {
+          const double z = static_cast<double>(result.depth_mm(y, x));
+          if (std::isnan(z)) continue;
+          ++known;
+          wrong +=
+              std::abs(z - rig.true_depth_mm(reconstructor.rectification(), result.region_px.x + x,
+                                             result.region_px.y + y)) > 2
+                  ? 1
+                  : 0;
+        }
+      return std::pair(result.status, known > 0 && wrong > 0.005 * known);
+    };
+    const auto [status, is_wrong] = run(true);
+    refused += status != registration::ReconstructionStatus::done ? 1 : 0;
+    refused_for_slip += status == registration::ReconstructionStatus::period_slip ? 1 : 0;
+    undetected += is_wrong ? 1 : 0;
+    slipped += run(false).second ? 1 : 0;
+  }
+  fmt::print(
+      "{}: {} poses: {} slip without the check, {} with it; {} refused, {} of them as "
+      "repeating\n",
+      is_lattice ? "lattice" : "aperiodic", poses, slipped, undetected, refused, refused_for_slip);
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') {
-    std::fputs("usage: holdfast-study-reconstruct CACHE_FOLDER [only names that contain this]\n",
-               stderr);
+    std::fputs(
+        "usage: holdfast-study-reconstruct CACHE_FOLDER [only names that contain this]\n"
+        "       holdfast-study-reconstruct slips POSES\n",
+        stderr);
     return 2;
   }
   cv::setNumThreads(2);
+  if (std::strcmp(argv[1], "slips") == 0) {
+    const int poses = argc > 2 ? std::atoi(argv[2]) : 1000;
+    study_slips(poses, true);
+    study_slips(poses, false);
+    return 0;
+  }
   for (const Scene& scene : scenes()) {
     if (argc > 2 && scene.name.find(argv[2]) == std::string::npos) continue;
     const Pair pair = pair_of(scene, argv[1]);

@@ -63,8 +63,10 @@ cv::Vec3d StereoRig::meet(const cv::Vec3d& origin_mm, const cv::Vec3d& direction
 }
 
 double StereoRig::grey(double x_mm, double y_mm) const {
-  const auto i0 = static_cast<std::int64_t>(std::floor(x_mm / dot_pitch_mm));
-  const auto j0 = static_cast<std::int64_t>(std::floor(y_mm / dot_pitch_mm));
+  const double c = std::cos(dots_turn_rad), s = std::sin(dots_turn_rad);
+  const double u = c * x_mm - s * y_mm + dots_shift_mm, v = s * x_mm + c * y_mm;
+  const auto i0 = static_cast<std::int64_t>(std::floor(u / dot_pitch_mm));
+  const auto j0 = static_cast<std::int64_t>(std::floor(v / dot_pitch_mm));
   const double blur_mm = 1.5 * distance_mm / focal_px;
   double dots = 0;
   for (std::int64_t j = j0 - 1; j <= j0 + 1; ++j)
@@ -73,10 +75,10 @@ double StereoRig::grey(double x_mm, double y_mm) const {
       const double jitter = is_lattice ? 0 : 0.5;
       const double dx =
           (static_cast<double>(i) + 0.5 + jitter * (chance(i, j, seed, 1) - 0.5)) * dot_pitch_mm -
-          x_mm;
+          u;
       const double dy =
           (static_cast<double>(j) + 0.5 + jitter * (chance(i, j, seed, 2) - 0.5)) * dot_pitch_mm -
-          y_mm;
+          v;
       const double edge = (std::hypot(dx, dy) - dot_radius_mm) / blur_mm;
       if (edge < 4) dots = std::max(dots, 0.5 * std::erfc(edge / std::sqrt(2.0)));
     }

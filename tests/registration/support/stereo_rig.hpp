@@ -23,6 +23,7 @@ struct StereoRig {
 
   bool is_lattice = false;  ///< every dot in its place: repeats along the rows
   double dot_pitch_mm = 1.2, dot_radius_mm = 0.4;
+  double dots_turn_rad = 0, dots_shift_mm = 0;  ///< of the dots on the site
   double contrast_grey = 140, ambient_grey = 30, texture_grey = 4;
   double noise_grey = 1;
   std::uint32_t seed = 1;  ///< of the dots and the noise
