@@ -237,6 +237,7 @@ StereoRig repeating_rig() {
 }
 
 TEST(ReconstructionRefusal, NamesAPatternThatRepeats) {
+  RecordProperty("requirement", "SR-96");
   for (const double turn_rad : {0.0, 0.1}) {
     StereoRig rig = repeating_rig();
     rig.dots_turn_rad = turn_rad;
