@@ -43,6 +43,12 @@ std::string_view name(TrackingReason reason) noexcept {
       return "drift_disagreement";
     case TrackingReason::invalid_geometry:
       return "invalid_geometry";
+    case TrackingReason::time_not_increasing:
+      return "time_not_increasing";
+    case TrackingReason::check_disagreement:
+      return "check_disagreement";
+    case TrackingReason::unchecked:
+      return "unchecked";
   }
   return "unknown";
 }

@@ -29,12 +29,17 @@ enum class TrackingReason : std::uint8_t {
   inconsistent_motion,  ///< no rigid motion explains the matches well enough
   implausible_motion,   ///< scale or rotation outside what the optics allow
   drift_disagreement,   ///< keyframe-anchored and frame-to-frame motion disagree
-  invalid_geometry      ///< set_keyframe only: the site's depth is unusable
+  invalid_geometry,     ///< set_keyframe only: the site's depth is unusable
+  time_not_increasing,  ///< not exposed after the frame before: duplicated or swapped stamps
+  check_disagreement,   ///< features, checked independently, see another motion
+  unchecked             ///< features have found no motion for too long
 };
 [[nodiscard]] std::string_view name(TrackingReason reason) noexcept;
 
 struct StageTimes {  ///< wall time of each stage of this frame
-  std::chrono::nanoseconds mask{}, detect{}, match{}, model{}, total{};
+  std::chrono::nanoseconds mask{}, detect{}, match{}, model{};    ///< Tracker
+  std::chrono::nanoseconds pyramid{}, align{}, chain{}, check{};  ///< DirectTracker
+  std::chrono::nanoseconds total{};
 };
 
 struct MotionEstimate {
@@ -66,6 +71,15 @@ struct MotionEstimate {
   /// anchored anew after a break, every HealthParameters::chain_length_max frames while both agree,
   /// and after a disagreement that a search without prediction has decided.
   double drift_um = 0;
+
+  // DirectTracker only.
+  double zncc = 0;         ///< mean likeness of the inliers to the keyframe, -1..1
+  double brightness = 1;   ///< relative to the keyframe
+  double contrast = 1;     ///< of the texture; against `brightness`, what blur or smoke took
+  double noise_grey = 0;   ///< of one pixel, what the motion does not explain
+  bool has_check = false;  ///< the next two are of a check not reported before
+  double check_um = 0;     ///< |features - direct| at the pivot, in the image plane
+  double check_sigma = 0;  ///< the same in standard deviations of both
   StageTimes times;
 };
 

@@ -33,11 +33,19 @@ class Site {
   /// the search does not settle.
   [[nodiscard]] std::optional<Eigen::Vector3d> meet(const Eigen::Vector2d& ray,
                                                     const Eigen::Isometry3d& T_camera_site) const;
+  /// The plane that fits the site around the keyframe ray, within `reach` (x/z) on each side: n
+  /// with n . p = 1 for its points p (mm). Nothing where a quarter of the depth is unknown, or
+  /// where it departs from a plane as an edge does.
+  [[nodiscard]] std::optional<Eigen::Vector3d> plane_near(const Eigen::Vector2d& ray,
+                                                          double reach) const;
 
  private:
-  [[nodiscard]] std::optional<double> depth_at(const Eigen::Vector2d& ray) const;
+  // In the depth map's own frame.
+  [[nodiscard]] std::optional<double> depth_at(const Eigen::Vector2d& depth_ray) const;
+  // In the camera's.
   [[nodiscard]] double depth_near(const Eigen::Vector2d& ray) const;
-  CameraModel camera_;
+  PixelGrid grid_;
+  Eigen::Matrix3d R_depth_camera_ = Eigen::Matrix3d::Identity();
   double plane_mm_ = 0;
   cv::Mat depth_mm_;
   Eigen::Vector3d p_pivot_mm_ = Eigen::Vector3d::Zero();
@@ -45,8 +53,9 @@ class Site {
 };
 
 /// What is wrong with the geometry for this camera, in one line with value, limit and unit; empty
-/// when it is usable: a plane in front of the camera, or a CV_32F map of the image's size with
-/// depth at 2 % of its pixels at least, none of it behind or in the camera.
+/// when it is usable: a plane in front of the camera, or a CV_32F map of the image's size (of any
+/// size with a grid of its own) with depth at 2 % of its pixels at least, none of it behind or in
+/// the camera.
 [[nodiscard]] std::optional<std::string> invalid_geometry(const CameraModel& camera,
                                                           const SiteGeometry& geometry);
 

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "perception/motion_fit.hpp"
+#include "perception/stage_timer.hpp"
 #include "perception/tracker_parameters.hpp"
 
 namespace holdfast::perception {
@@ -18,19 +19,6 @@ using Clock = std::chrono::steady_clock;
 Eigen::Vector3d unknown_point() {
   return Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
 }
-
-/// Measures the time of one stage from its construction to the end of its scope.
-class StageTimer {
- public:
-  explicit StageTimer(std::chrono::nanoseconds& stage) : stage_(stage), start_(Clock::now()) {}
-  ~StageTimer() { stage_ += Clock::now() - start_; }
-  StageTimer(const StageTimer&) = delete;
-  StageTimer& operator=(const StageTimer&) = delete;
-
- private:
-  std::chrono::nanoseconds& stage_;
-  Clock::time_point start_;
-};
 
 Eigen::Vector2d project(const Eigen::Vector3d& p) {
   return p.head<2>() / p.z();

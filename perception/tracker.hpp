@@ -5,6 +5,7 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <variant>
 
 #include <opencv2/core.hpp>
@@ -19,10 +20,17 @@ namespace holdfast::perception {
 struct SitePlane {
   double depth_mm = 0;
 };
-/// The site's depth on the keyframe's undistorted pixel grid (CV_32F, mm, NaN where unknown): full
-/// 6-DoF motion is estimated.
+/// An undistorted pixel grid: u = fx x/z + cx, v = fy y/z + cy.
+struct PixelGrid {
+  double fx_px = 0, fy_px = 0, cx_px = 0, cy_px = 0;
+};
+/// The site's depth (CV_32F, mm, NaN where unknown): full 6-DoF motion is estimated.
 struct SiteDepth {
   cv::Mat depth_mm;
+  /// The grid of the map; by default the keyframe's own, undistorted.
+  std::optional<PixelGrid> grid = std::nullopt;
+  /// From the camera to the frame whose z the map holds: R1 for rectified depth.
+  Eigen::Matrix3d R_depth_camera = Eigen::Matrix3d::Identity();
 };
 using SiteGeometry = std::variant<SitePlane, SiteDepth>;
 

@@ -70,6 +70,33 @@ struct HealthParameters {
   int chain_length_max = 300;       ///< frames after which a chain that agrees is anchored again
 };
 
+/// DirectTracker: patches of the keyframe, aligned directly.
+struct DirectParameters {
+  int patches = 480;  ///< wanted at full size; a quarter of that on each smaller level
+  double texture_min =
+      300;                ///< of a patch: smaller eigenvalue of the sum of its gradient products,
+                          ///< grey levels^2/px^2; three times what a noise of 2 levels looks like
+  double zncc_min = 0.5;  ///< a patch less like its template has no say
+  double recall_zncc = 0.5;  ///< below this mean at the predicted pose the motion is looked for
+  double shared_error_px = 0.01;   ///< of each patch, beyond noise: interpolation, shading
+  double common_error_px = 0.005;  ///< likewise, common to all patches
+  int inliers_min = 30;            ///< below: lost
+  int inliers_good = 60;           ///< below: degraded
+  double share_min = 0.25;         ///< inliers of the visible patches; below: lost
+  double share_good = 0.5;         ///< below: degraded
+  int chain_patches = 80;          ///< followed from frame to frame
+};
+
+/// DirectTracker: the features' independent view of the same motion.
+struct CheckParameters {
+  bool is_threaded = false;  ///< on a second thread, when it is idle, and judged one frame later;
+                             ///< otherwise at once: same frames, same result
+  int every_frames = 3;      ///< 10 Hz at 30 frames/s; 0: never
+  double limit_um = 100;     ///< a difference beyond this is a disagreement ...
+  double limit_sigma = 5;    ///< ... and one beyond this and a fifth of limit_um
+  int failures_max = 30;     ///< checks in a row that find no motion; beyond: degraded
+};
+
 struct TrackerParameters {
   ReflectionMaskParameters mask;
   FeatureParameters features;
@@ -77,6 +104,8 @@ struct TrackerParameters {
   ModelParameters model;
   UncertaintyParameters uncertainty;
   HealthParameters health;
+  DirectParameters direct;
+  CheckParameters check;
 };
 
 /// The first parameter out of its range, in one line with value, limit and unit; empty when all are

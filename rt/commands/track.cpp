@@ -24,9 +24,12 @@
 #include "bridge/image_file.hpp"
 #include "bridge/image_sequence.hpp"
 #include "bridge/surface_depth.hpp"
+#include "perception/direct_tracker.hpp"
 #include "perception/site.hpp"
 #include "perception/tracker.hpp"
 #include "perception/tracker_parameters.hpp"
+#include "registration/rectification.hpp"
+#include "registration/stereo_calibration.hpp"
 #include "rt/commands/commands.hpp"
 #include "rt/core/error.hpp"
 
@@ -42,15 +45,20 @@ constexpr const char* kHeader =
     "sigma_r_rad,inliers,drift_um,latency_us\n";
 constexpr const char* kLostRow = ",,,,,,,,,,,,,,,,";
 constexpr const char* kExample =
-    "Example: a recording of the site, 200 mm below a calibrated camera\n"
+    "Example: a recording of the site with the depth that `holdfast reconstruct` made\n"
+    "  holdfast track --frames recording/ --calibration stereo.yaml --zoom 1.3 --depth d.tiff "
+    "--out poses.csv\n"
+    "or 200 mm below a calibrated camera, nothing more known\n"
     "  holdfast track --frames recording/ --camera camera.yaml --plane-mm 200 --out poses.csv\n"
     "The first frame is the keyframe. With --depth or --surface the motion has six degrees of "
-    "freedom;\nwith --plane-mm it is planar. Exit code 1: the first frame cannot serve, or every "
-    "other was lost.";
+    "freedom;\nwith --plane-mm it is planar. --method: direct aligns every frame to the keyframe "
+    "directly and\nchecks it with ORB features every third frame; orb uses the features alone; "
+    "paper cascades them\nfrom frame to frame, as published. Exit code 1: the first frame cannot "
+    "serve, or every other was lost.";
 
 struct Options {
-  std::string frames, camera, depth, surface, mask, out, tum;
-  std::optional<double> plane_mm, fps;
+  std::string frames, camera, calibration, depth, surface, mask, out, tum, method = "direct";
+  std::optional<double> plane_mm, fps, zoom;
   int features = perception::FeatureParameters{}.count;
   bool is_json = false;
 };
@@ -66,11 +74,12 @@ struct Outcome {
   std::map<TrackingStatus, int> count;
   TrackingReason last_reason = TrackingReason::none;  // of the newest lost frame
   std::string csv = kHeader, tum;
-  std::vector<Stage> stages = {{"mask", &perception::StageTimes::mask},
-                               {"detect", &perception::StageTimes::detect},
-                               {"match", &perception::StageTimes::match},
-                               {"model", &perception::StageTimes::model},
-                               {"total", &perception::StageTimes::total}};
+  std::vector<Stage> stages = {
+      {"mask", &perception::StageTimes::mask},       {"detect", &perception::StageTimes::detect},
+      {"match", &perception::StageTimes::match},     {"model", &perception::StageTimes::model},
+      {"pyramid", &perception::StageTimes::pyramid}, {"align", &perception::StageTimes::align},
+      {"chain", &perception::StageTimes::chain},     {"check", &perception::StageTimes::check},
+      {"total", &perception::StageTimes::total}};
 
   void add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate);
 };
@@ -121,25 +130,6 @@ double percentile(std::vector<double> values, double share) {
   return values[static_cast<std::size_t>(k)];
 }
 
-perception::SiteGeometry geometry_of(const Options& options,
-                                     const perception::CameraModel& camera) {
-  perception::SiteGeometry geometry;
-  std::string source = "--plane-mm";
-  if (!options.depth.empty()) {
-    source = options.depth;
-    geometry = perception::SiteDepth{
-        bridge::read_depth_file(options.depth, camera.width_px, camera.height_px)};
-  } else if (!options.surface.empty()) {
-    source = options.surface;
-    geometry = perception::SiteDepth{bridge::depth_from_surface_file(options.surface, camera)};
-  } else {
-    geometry = perception::SitePlane{*options.plane_mm};
-  }
-  if (const auto what = perception::invalid_geometry(camera, geometry))
-    throw InputError(source + ": " + *what);
-  return geometry;
-}
-
 cv::Mat mask_of(const Options& options, const perception::CameraModel& camera) {
   if (options.mask.empty()) return {};
   cv::Mat mask = bridge::read_image_file(options.mask);
@@ -152,7 +142,8 @@ cv::Mat mask_of(const Options& options, const perception::CameraModel& camera) {
 
 /// The first frame becomes the keyframe; its row is the identity by definition, its evidence that
 /// of finding itself again.
-MotionEstimate take_keyframe(perception::Tracker& tracker, const bridge::SequenceFrame& frame,
+template <typename AnyTracker>
+MotionEstimate take_keyframe(AnyTracker& tracker, const bridge::SequenceFrame& frame,
                              const perception::SiteGeometry& geometry, const cv::Mat& mask) {
   const TrackingReason reason = tracker.set_keyframe(frame.image, geometry, mask);
   if (reason != TrackingReason::none)
@@ -191,14 +182,69 @@ class Progress {
   bool is_shown_;
 };
 
-Outcome follow(const Options& options, bridge::ImageSequence& sequence,
-               const perception::CameraModel& camera) {
-  perception::TrackerParameters parameters;
-  parameters.features.count = options.features;
-  if (const auto what = perception::invalid_parameter(parameters)) throw InputError(*what);
-  const perception::SiteGeometry geometry = geometry_of(options, camera);
+/// What the frames are seen with: a camera and, with a stereo calibration, where its depth lives.
+struct Viewer {
+  perception::CameraModel camera;
+  std::optional<registration::Rectification> rectification;
+};
+
+Viewer viewer_of(const Options& options) {
+  if (options.calibration.empty()) return {bridge::read_camera_file(options.camera), std::nullopt};
+  const auto calibration = registration::read_stereo_calibration(options.calibration);
+  const auto zoom = registration::calibration_at_zoom(calibration, *options.zoom);
+  Viewer viewer;
+  viewer.camera.width_px = calibration.image_width_px;
+  viewer.camera.height_px = calibration.image_height_px;
+  const cv::Matx33d& K = zoom.camera_matrix_left;
+  viewer.camera.fx_px = K(0, 0);
+  viewer.camera.fy_px = K(1, 1);
+  viewer.camera.cx_px = K(0, 2);
+  viewer.camera.cy_px = K(1, 2);
+  viewer.camera.distortion = zoom.distortion_left.clone();
+  viewer.rectification = registration::rectification_of(
+      zoom, cv::Size(calibration.image_width_px, calibration.image_height_px));
+  if (const auto what = perception::invalid_camera(viewer.camera))
+    throw InputError(options.calibration + ": left camera: " + *what);
+  return viewer;
+}
+
+/// With a stereo calibration the depth lies on the rectified left grid.
+perception::SiteDepth depth_of(const Options& options, const Viewer& viewer) {
+  perception::SiteDepth site;
+  const perception::CameraModel& camera = viewer.camera;
+  if (options.depth.empty()) {
+    site.depth_mm = bridge::depth_from_surface_file(options.surface, camera);
+    return site;
+  }
+  site.depth_mm = bridge::read_depth_file(options.depth, camera.width_px, camera.height_px);
+  if (!viewer.rectification) return site;
+  const registration::Rectification& r = *viewer.rectification;
+  site.grid = perception::PixelGrid{r.P1(0, 0), r.P1(1, 1), r.P1(0, 2), r.P1(1, 2)};
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) site.R_depth_camera(i, j) = r.R1(i, j);
+  return site;
+}
+
+perception::SiteGeometry geometry_of(const Options& options, const Viewer& viewer) {
+  perception::SiteGeometry geometry;
+  std::string source = "--plane-mm";
+  if (options.plane_mm) {
+    geometry = perception::SitePlane{*options.plane_mm};
+  } else {
+    source = options.depth.empty() ? options.surface : options.depth;
+    geometry = depth_of(options, viewer);
+  }
+  if (const auto what = perception::invalid_geometry(viewer.camera, geometry))
+    throw InputError(source + ": " + *what);
+  return geometry;
+}
+
+template <typename AnyTracker>
+Outcome follow_with(AnyTracker tracker, const Options& options, bridge::ImageSequence& sequence,
+                    const Viewer& viewer) {
+  const perception::CameraModel& camera = viewer.camera;
+  const perception::SiteGeometry geometry = geometry_of(options, viewer);
   const cv::Mat mask = mask_of(options, camera);
-  perception::Tracker tracker(camera, parameters);
   const Progress progress(sequence.size());
   Outcome outcome;
   while (const auto frame = sequence.next()) {
@@ -216,6 +262,16 @@ Outcome follow(const Options& options, bridge::ImageSequence& sequence,
     throw RefusedError(fmt::format("{}: all {} frames after the keyframe are lost, the last: {}",
                                    options.frames, followed, name(outcome.last_reason)));
   return outcome;
+}
+
+Outcome follow(const Options& options, bridge::ImageSequence& sequence, const Viewer& viewer) {
+  perception::TrackerParameters parameters;
+  parameters.features.count = options.features;
+  if (const auto what = perception::invalid_parameter(parameters)) throw InputError(*what);
+  if (options.method == "orb")
+    return follow_with(perception::Tracker(viewer.camera, parameters), options, sequence, viewer);
+  return follow_with(perception::DirectTracker(viewer.camera, parameters), options, sequence,
+                     viewer);
 }
 
 const char* text(bridge::TimeSource source) {
@@ -252,8 +308,9 @@ void report(const Options& options, Outcome& outcome, bridge::TimeSource times) 
              outcome.count[TrackingStatus::relocalised], outcome.count[TrackingStatus::degraded],
              outcome.count[TrackingStatus::lost], text(times));
   for (const Stage& stage : outcome.stages)
-    fmt::print("{:>7}  median {:7.2f} ms  p99 {:7.2f} ms\n", stage.name, percentile(stage.ms, 0.5),
-               percentile(stage.ms, 0.99));
+    if (percentile(stage.ms, 1) > 0)
+      fmt::print("{:>7}  median {:7.2f} ms  p99 {:7.2f} ms\n", stage.name,
+                 percentile(stage.ms, 0.5), percentile(stage.ms, 0.99));
 }
 
 void run(const Options& options) {
@@ -262,9 +319,13 @@ void run(const Options& options) {
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
   cv::setNumThreads(1);  // as in the daemon, so that the times shown are the daemon's
   bridge::catch_interrupts();
-  const perception::CameraModel camera = bridge::read_camera_file(options.camera);
+  if (options.calibration.empty() == options.camera.empty())
+    throw InputError("either --camera or --calibration with --zoom must be given");
+  if (options.calibration.empty() != !options.zoom)
+    throw InputError("--calibration and --zoom go together");
+  const Viewer viewer = viewer_of(options);
   bridge::ImageSequence sequence(options.frames, options.fps);
-  Outcome outcome = follow(options, sequence, camera);
+  Outcome outcome = follow(options, sequence, viewer);
   bridge::AtomicFile csv(options.out);
   csv.write(outcome.csv);
   if (!options.tum.empty()) bridge::write_file_atomically(options.tum, outcome.tum);
@@ -279,19 +340,27 @@ void add_track(CLI::App& app) {
   CLI::App* track = app.add_subcommand("track", "Follow the site through a recorded sequence.");
   track->add_option("--frames", options->frames, "Folder of images in name order, or a video")
       ->required();
-  track->add_option("--camera", options->camera, "camera.yaml as OpenCV's calibration writes it")
-      ->required();
+  track->add_option("--camera", options->camera, "camera.yaml as OpenCV's calibration writes it");
+  track->add_option("--calibration", options->calibration,
+                    "Instead of --camera: stereo.yaml; the frames are the left camera's");
+  track->add_option("--zoom", options->zoom, "With --calibration: the zoom of the recording");
   CLI::Option_group* site = track->add_option_group("site", "What is known of the site's shape");
   site->add_option("--plane-mm", options->plane_mm, "A plane facing the camera at this depth, mm");
   site->add_option("--depth", options->depth,
-                   "Depth on the keyframe's undistorted pixel grid: 32-bit float TIFF, mm");
+                   "Depth on the keyframe's undistorted pixel grid, with --calibration on the "
+                   "rectified left grid: 32-bit float TIFF, mm");
   site->add_option("--surface", options->surface,
                    "PLY, mm, in the camera's frame, or rectified with a comment R1");
   site->require_option(1);
-  track->add_option("--mask", options->mask,
-                    "8-bit image of the keyframe's size; 0 = take no features here");
+  track->add_option(
+      "--mask", options->mask,
+      "8-bit image of the keyframe's size; 0 = the keyframe's content here is not used");
+  track->add_option("--method", options->method, "How the motion is found")
+      ->check(CLI::IsMember({"direct", "orb"}))
+      ->capture_default_str();
   track->add_option("--fps", options->fps, "Frame rate; overrides timestamps.csv");
-  track->add_option("--features", options->features, "Features per frame")->capture_default_str();
+  track->add_option("--features", options->features, "ORB features per frame")
+      ->capture_default_str();
   track->add_option("--out", options->out, "The trajectory, one row a frame (CSV)")->required();
   track->add_option("--tum", options->tum, "The same poses in TUM format (m)");
   track->add_flag("--json", options->is_json, "Print one JSON object on stdout");

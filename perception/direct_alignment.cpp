@@ -1,0 +1,402 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "perception/direct_alignment.hpp"
+
+#include <algorithm>
+#include <bitset>
+#include <cmath>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+namespace holdfast::perception {
+namespace {
+
+using Vector6d = Eigen::Matrix<double, 6, 1>;
+using Matrix26d = Eigen::Matrix<double, 2, 6>;
+
+constexpr int kCells = 8;               // per side of the image
+constexpr double kCut2 = 25;            // Tukey's cut, squared, in units of the scale
+constexpr double kMedianOfTwo = 1.386;  // median of chi^2 with two degrees of freedom
+constexpr double kScale2Min = 0.3;
+constexpr double kReachPx = 5;     // a gradient says nothing of a displacement beyond this
+constexpr double kZnccRamp = 0.2;  // from no say to full say
+constexpr int kPatchFreedoms = kPatchCount - 3;  // mean, contrast, and a little motion
+constexpr int kPatchesMin = 8;
+constexpr double kZnccMinRough = 0.2;  // on a smaller level's first step
+constexpr double kNoise2Start = 8;     // grey levels^2
+
+/// One patch at the present pose; displacements in pixels of the template.
+struct Row {
+  const PatchGeometry* geometry;
+  Matrix26d jacobian;        // of the displacement by the pose step
+  Eigen::Matrix2d to_patch;  // from pixels of the image to pixels of the template
+  Eigen::Matrix2d weight;    // inverse covariance of the displacement
+  Eigen::Vector2d displacement;
+  Eigen::Vector2d by_depth;        // displacement for one sigma of depth
+  Eigen::Vector2d residual;        // displacement left after the step
+  Vector6d gradient;               // -J^T W d
+  std::array<double, 21> hessian;  // J^T W J, upper triangle by columns
+  double zncc, trust, robust;
+  float brightness, contrast;
+  int cell;
+};
+
+Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+/// Exp(r)(T p - T pivot) + T pivot + t: the parametrisation of MotionEstimate::covariance.
+Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Eigen::Vector3d& pivot_site,
+                        const Vector6d& step) {
+  const Eigen::Vector3d r = step.tail<3>();
+  const double angle = r.norm();
+  Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
+  if (angle > 0) R = Eigen::AngleAxisd(angle, r / angle).toRotationMatrix();
+  const Eigen::Vector3d pivot_camera = T * pivot_site;
+  Eigen::Isometry3d out;
+  out.linear() = Eigen::Quaterniond(R * T.linear()).normalized().toRotationMatrix();
+  out.translation() = pivot_camera + step.head<3>() - out.linear() * pivot_site;
+  return out;
+}
+
+/// What the row adds to the normal equations, for a weight of one.
+void prepare(Row& row) {
+  const Matrix26d WJ = row.weight * row.jacobian;
+  row.gradient.noalias() = -WJ.transpose() * row.displacement;
+  std::size_t k = 0;
+  for (int j = 0; j < 6; ++j)
+    for (int i = 0; i <= j; ++i) row.hessian[k++] = row.jacobian.col(i).dot(WJ.col(j));
+}
+
+void fix_tilt(Matrix6d& H) {
+  H.middleRows<2>(3).setZero();
+  H.middleCols<2>(3).setZero();
+}
+
+}  // namespace
+
+struct DirectAligner::Impl {
+  Projector projector;
+  DirectParameters parameters;
+  UncertaintyParameters uncertainty;
+  Freedom freedom;
+  Eigen::Vector3d p_pivot_site_mm;
+  double f_px;
+  int width_px, height_px;
+  Simd simd = best_simd();
+  double noise2 = kNoise2Start;  // follows the images
+  std::vector<Row> rows;
+  std::vector<double> scratch;
+  Matrix6d hessian, inverse;
+
+  Impl(const CameraModel& camera, const TrackerParameters& p, Freedom f,
+       const Eigen::Vector3d& pivot)
+      : projector(camera),
+        parameters(p.direct),
+        uncertainty(p.uncertainty),
+        freedom(f),
+        p_pivot_site_mm(pivot),
+        f_px(camera.f_px()),
+        width_px(camera.width_px),
+        height_px(camera.height_px) {}
+
+  [[nodiscard]] double depth_sigma_mm() const {
+    return freedom == Freedom::planar ? uncertainty.relief_sigma_mm : uncertainty.depth_sigma_mm;
+  }
+  bool look(const PatchPixels& pixels, const PatchGeometry& geometry, const cv::Mat& image,
+            int level, const Eigen::Isometry3d& T, Interpolation interpolation, Row& row) const;
+  void linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
+                 const Eigen::Isometry3d& T, Interpolation interpolation, double zncc_min);
+  bool solve(Vector6d& step);
+  [[nodiscard]] bool invert(const Matrix6d& H);
+  double scale2();
+  [[nodiscard]] double step_px(const Vector6d& step) const;
+  bool descend(const TemplateLevel& patches, const cv::Mat& image, int level,
+               Interpolation interpolation, int iterations, double settled_px,
+               Eigen::Isometry3d& T);
+  AlignmentQuality quality(int visible);
+  double middle_of_inliers(float Row::*value);
+  Matrix6d covariance() const;
+};
+
+/// Where the patch is seen and how it differs; false, when it is not wholly in the image.
+bool DirectAligner::Impl::look(const PatchPixels& pixels, const PatchGeometry& geometry,
+                               const cv::Mat& image, int level, const Eigen::Isometry3d& T,
+                               Interpolation interpolation, Row& row) const {
+  const Eigen::Vector3d p = T * geometry.p_site_mm;
+  if (!(p.z() > 1e-3)) return false;
+  const double to_level = std::ldexp(1.0, -level);
+  const Projection seen = projector.project(p);
+  const Eigen::Matrix<double, 2, 3> J = to_level * seen.d_pixel_d_point;
+  const Eigen::Matrix2d A = J * (T.linear() * geometry.tangents_mm);
+  const double determinant = A.determinant();
+  if (!(determinant > 0.2 && determinant < 5)) return false;
+  PatchPlace place;
+  place.u_px = (seen.pixel.x() + 0.5) * to_level - 0.5;
+  place.v_px = (seen.pixel.y() + 0.5) * to_level - 0.5;
+  place.a00 = static_cast<float>(A(0, 0));
+  place.a01 = static_cast<float>(A(0, 1));
+  place.a10 = static_cast<float>(A(1, 0));
+  place.a11 = static_cast<float>(A(1, 1));
+  if (!is_inside(place, image.cols, image.rows)) return false;
+
+  const PatchSums sums = patch_sums(image, place, pixels, interpolation, simd);
+  const float squares = std::max(sums.ii - sums.i * sums.i / kPatchCount, 1e-3F);
+  row.zncc = static_cast<double>(sums.vi / std::sqrt(squares * geometry.squares));
+  const float gain = std::sqrt(geometry.squares / squares);
+  row.brightness = sums.i / kPatchCount / std::max(geometry.mean, 1.0F);
+  row.contrast = 1 / gain;
+  row.displacement =
+      geometry.unit_covariance_px2 *
+      Eigen::Vector2d(static_cast<double>(gain * sums.gxi), static_cast<double>(gain * sums.gyi));
+  const Eigen::Vector3d lever = p - T * p_pivot_site_mm;
+  row.geometry = &geometry;
+  row.to_patch << A(1, 1), -A(0, 1), -A(1, 0), A(0, 0);
+  row.to_patch /= determinant;
+  const Eigen::Matrix<double, 2, 3> by_point = row.to_patch * J;
+  row.jacobian.leftCols<3>() = by_point;
+  row.jacobian.rightCols<3>().noalias() = -by_point * cross_matrix(lever);
+  if (freedom == Freedom::planar) row.jacobian.middleCols<2>(3).setZero();
+  row.by_depth =
+      depth_sigma_mm() / geometry.p_site_mm.z() * (by_point * (T.linear() * geometry.p_site_mm));
+  const int column =
+      std::clamp(static_cast<int>(seen.pixel.x() * kCells / width_px), 0, kCells - 1);
+  const int line = std::clamp(static_cast<int>(seen.pixel.y() * kCells / height_px), 0, kCells - 1);
+  row.cell = line * kCells + column;
+  return true;
+}
+
+void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
+                                    const Eigen::Isometry3d& T, Interpolation interpolation,
+                                    double zncc_min) {
+  rows.clear();
+  const double shared2 = parameters.shared_error_px * parameters.shared_error_px;
+  for (std::size_t k = 0; k < patches.size(); ++k) {
+    Row row;
+    if (!look(patches.pixels[k], patches.geometry[k], image, level, T, interpolation, row))
+      continue;
+    row.trust = std::clamp((row.zncc - zncc_min) / kZnccRamp, 0.0, 1.0);
+    if (!(row.displacement.squaredNorm() < kReachPx * kReachPx)) row.trust = 0;
+    row.robust = row.trust;
+    Eigen::Matrix2d C = noise2 * row.geometry->unit_covariance_px2;
+    C.diagonal().array() += shared2;
+    C += row.by_depth * row.by_depth.transpose();
+    row.weight = C.inverse();
+    row.residual = row.displacement;
+    prepare(row);
+    rows.push_back(row);
+  }
+}
+
+/// Square of the robust scale of the residuals, in units of what was expected.
+double DirectAligner::Impl::scale2() {
+  scratch.clear();
+  for (const Row& row : rows)
+    if (row.trust > 0) scratch.push_back(row.residual.dot(row.weight * row.residual));
+  if (scratch.size() < static_cast<std::size_t>(kPatchesMin)) return kScale2Min;
+  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), middle, scratch.end());
+  return std::max(*middle / kMedianOfTwo, kScale2Min);
+}
+
+bool DirectAligner::Impl::invert(const Matrix6d& H) {
+  const Vector6d scale = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  Matrix6d S = scale.asDiagonal() * H * scale.asDiagonal();
+  if (freedom == Freedom::planar) {
+    fix_tilt(S);
+    S(3, 3) = S(4, 4) = 1;
+  }
+  const Eigen::LDLT<Matrix6d> ldlt(S);
+  if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-9)) return false;
+  inverse = scale.asDiagonal() * ldlt.solve(Matrix6d::Identity()) * scale.asDiagonal();
+  if (freedom == Freedom::planar) fix_tilt(inverse);
+  return inverse.allFinite();
+}
+
+/// The step that the displacements of all rows agree on best. Reweights without looking at the
+/// image again: the displacements are linear in the step.
+bool DirectAligner::Impl::solve(Vector6d& step) {
+  constexpr int kReweightings = 2;
+  for (int pass = 0; pass < kReweightings; ++pass) {
+    std::array<double, 21> sums{};
+    Vector6d gradient = Vector6d::Zero();
+    int inliers = 0;
+    for (const Row& row : rows) {
+      if (!(row.robust > 0)) continue;
+      ++inliers;
+      gradient += row.robust * row.gradient;
+      for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += row.robust * row.hessian[k];
+    }
+    std::size_t k = 0;
+    for (int j = 0; j < 6; ++j)
+      for (int i = 0; i <= j; ++i) hessian(i, j) = hessian(j, i) = sums[k++];
+    if (inliers < kPatchesMin || !invert(hessian)) return false;
+    step = inverse * gradient;
+    if (!step.allFinite()) return false;
+    for (Row& row : rows) row.residual = row.displacement + row.jacobian * step;
+    const double cut2 = kCut2 * scale2();
+    for (Row& row : rows) {
+      const double u = row.residual.dot(row.weight * row.residual) / cut2;
+      row.robust = u < 1 ? row.trust * (1 - u) * (1 - u) : 0;
+    }
+  }
+  return true;
+}
+
+/// By how much the step moves a pixel, at most.
+double DirectAligner::Impl::step_px(const Vector6d& step) const {
+  const double reach_px = 0.5 * std::hypot(width_px, height_px), z_mm = p_pivot_site_mm.z();
+  return step.head<2>().norm() * f_px / z_mm +
+         reach_px * (std::abs(step[2]) / z_mm + std::abs(step[5])) +
+         reach_px * reach_px / f_px * step.segment<2>(3).norm();
+}
+
+bool DirectAligner::Impl::descend(const TemplateLevel& patches, const cv::Mat& image, int level,
+                                  Interpolation interpolation, int iterations, double settled_px,
+                                  Eigen::Isometry3d& T) {
+  for (int i = 0; i < iterations; ++i) {
+    const bool is_rough = i == 0 && level > 0;
+    linearise(patches, image, level, T, interpolation,
+              is_rough ? kZnccMinRough : parameters.zncc_min);
+    Vector6d step;
+    if (!solve(step)) return false;
+    if (!(step_px(step) < 0.5 * std::max(width_px, height_px))) return false;
+    T = moved(T, p_pivot_site_mm, step);
+    if (step_px(step) < settled_px) break;
+  }
+  return true;
+}
+
+double DirectAligner::Impl::middle_of_inliers(float Row::*value) {
+  scratch.clear();
+  for (const Row& row : rows)
+    if (row.robust > 0) scratch.push_back(static_cast<double>(row.*value));
+  if (scratch.empty()) return 1;
+  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), middle, scratch.end());
+  return *middle;
+}
+
+AlignmentQuality DirectAligner::Impl::quality(int visible) {
+  AlignmentQuality q;
+  q.visible = visible;
+  std::bitset<static_cast<std::size_t>(kCells * kCells)> cells;
+  double squares = 0;
+  for (const Row& row : rows) {
+    if (!(row.robust > 0)) continue;
+    ++q.inliers;
+    q.weight += row.robust;
+    q.zncc += row.zncc;
+    squares += row.residual.squaredNorm();
+    cells.set(static_cast<std::size_t>(row.cell));
+  }
+  if (q.inliers == 0) return q;
+  q.zncc /= q.inliers;
+  q.residual_px = std::sqrt(squares / q.inliers);
+  q.spread = static_cast<double>(cells.count()) / (kCells * kCells);
+  q.brightness = middle_of_inliers(&Row::brightness);
+  q.contrast = middle_of_inliers(&Row::contrast);
+  scratch.clear();
+  for (const Row& row : rows)
+    if (row.robust > 0)
+      scratch.push_back(static_cast<double>(row.geometry->squares) * (1 - row.zncc * row.zncc) /
+                        kPatchFreedoms);
+  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), middle, scratch.end());
+  noise2 = std::clamp(*middle, 0.1, 400.0);
+  q.noise = std::sqrt(noise2);
+  return q;
+}
+
+/// H^-1 (sum over the error's causes of what each does to the gradient) H^-1: noise and the shared
+/// error patch by patch, the depth in common within a cell and over the image, interpolation in
+/// common over the image.
+Matrix6d DirectAligner::Impl::covariance() const {
+  const double shared2 = parameters.shared_error_px * parameters.shared_error_px;
+  Matrix6d spread = Matrix6d::Zero();
+  std::array<Vector6d, static_cast<std::size_t>(kCells * kCells)> by_cell;
+  by_cell.fill(Vector6d::Zero());
+  Vector6d by_depth = Vector6d::Zero();
+  Eigen::Matrix<double, 6, 2> common = Eigen::Matrix<double, 6, 2>::Zero();
+  for (const Row& row : rows) {
+    if (!(row.robust > 0)) continue;
+    const Eigen::Matrix<double, 6, 2> JW = row.jacobian.transpose() * (row.robust * row.weight);
+    Eigen::Matrix2d C = noise2 * row.geometry->unit_covariance_px2;
+    C.diagonal().array() += shared2;
+    spread.noalias() += JW * C * JW.transpose();
+    const Vector6d depth = JW * row.by_depth;
+    by_cell[static_cast<std::size_t>(row.cell)] += depth;
+    by_depth += depth;
+    common.noalias() += parameters.common_error_px * JW * row.to_patch;
+  }
+  for (const Vector6d& cell : by_cell) spread.noalias() += 0.5 * cell * cell.transpose();
+  spread.noalias() += 0.5 * by_depth * by_depth.transpose() + common * common.transpose();
+  Matrix6d out = inverse * spread * inverse;
+  if (freedom == Freedom::planar)
+    out.diagonal().segment<2>(3).array() += uncertainty.tilt_sigma_rad * uncertainty.tilt_sigma_rad;
+  return 0.5 * (out + out.transpose());
+}
+
+DirectAligner::DirectAligner(const CameraModel& camera, const TrackerParameters& parameters,
+                             Freedom freedom, const Eigen::Vector3d& p_pivot_site_mm)
+    : impl_(std::make_unique<Impl>(camera, parameters, freedom, p_pivot_site_mm)) {}
+DirectAligner::~DirectAligner() = default;
+DirectAligner::DirectAligner(DirectAligner&&) noexcept = default;
+DirectAligner& DirectAligner::operator=(DirectAligner&&) noexcept = default;
+
+void DirectAligner::reset() {
+  impl_->noise2 = kNoise2Start;
+}
+
+void DirectAligner::reserve(std::size_t patches) {
+  impl_->rows.reserve(patches);
+  impl_->scratch.reserve(patches);
+}
+
+Alignment DirectAligner::align(const DirectTemplate& patches, const Pyramid& image,
+                               const Eigen::Isometry3d& T_start, int coarsest) {
+  constexpr int kIterations = 5;
+  constexpr std::array<double, kPyramidLevels> kSettledPx = {0.2, 0.7, 1.5};  // the rest converges
+  constexpr double kExactPx = 0.03;  // of the last step; what is left is a hundredth of it
+  Impl& s = *impl_;
+  Alignment out;
+  Eigen::Isometry3d T = T_start;
+  for (int level = coarsest; level > 0; --level) {
+    const auto l = static_cast<std::size_t>(level);
+    // A small image may have no patches there: the next level then starts where this one did.
+    if (patches[l].size() < static_cast<std::size_t>(kPatchesMin)) continue;
+    if (!s.descend(patches[l], image.levels[l], level, Interpolation::bilinear, kIterations,
+                   kSettledPx[l], T))
+      return out;
+  }
+  if (!s.descend(patches[0], image.levels[0], 0, Interpolation::bilinear, kIterations,
+                 kSettledPx[0], T) ||
+      !s.descend(patches[0], image.levels[0], 0, Interpolation::bicubic, 3, kExactPx, T))
+    return out;
+  out.T_camera_site = T;
+  out.quality = s.quality(static_cast<int>(s.rows.size()));
+  out.covariance = s.covariance();
+  out.is_solved = out.covariance.allFinite();
+  return out;
+}
+
+double DirectAligner::similarity(const DirectTemplate& patches, const Pyramid& image, int level,
+                                 const Eigen::Isometry3d& T_camera_site) {
+  const Impl& s = *impl_;
+  const auto l = static_cast<std::size_t>(level);
+  double sum = 0;
+  int visible = 0;
+  Row row;
+  for (std::size_t k = 0; k < patches[l].size(); ++k) {
+    if (!s.look(patches[l].pixels[k], patches[l].geometry[k], image.levels[l], level, T_camera_site,
+                Interpolation::bilinear, row))
+      continue;
+    ++visible;
+    sum += row.zncc;
+  }
+  return visible < kPatchesMin ? -1 : sum / visible;
+}
+
+}  // namespace holdfast::perception

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: Apache-2.0
+// The tracker of the house: direct 6-DoF alignment of every frame to the keyframe with its depth.
+// Beside it, and never part of the estimate: the cascaded motion from frame to frame, and ORB
+// features against the keyframe, which check it, and find the site again when it is lost.
+//
+//   predict (constant velocity, or still; after a jolt by phase correlation) -> align -> judge
+//   -> compare with the chain -> compare with the features, every so many frames
+//
+// Nothing of an earlier frame enters an estimate but where its search begins.
+#pragma once
+
+#include <memory>
+
+#include <opencv2/core.hpp>
+
+#include "perception/camera_model.hpp"
+#include "perception/motion_estimate.hpp"
+#include "perception/tracker.hpp"
+
+namespace holdfast::perception {
+
+class DirectTracker {
+ public:
+  /// As Tracker: throws std::invalid_argument, in one line, for what invalid_camera() or
+  /// invalid_parameter() would name.
+  DirectTracker(const CameraModel& camera, const TrackerParameters& parameters);
+  ~DirectTracker();
+  DirectTracker(DirectTracker&&) noexcept;
+  DirectTracker& operator=(DirectTracker&&) noexcept;
+  DirectTracker(const DirectTracker&) = delete;
+  DirectTracker& operator=(const DirectTracker&) = delete;
+
+  /// As Tracker::set_keyframe(). With SitePlane the motion is planar and its covariance says what a
+  /// plane cannot know.
+  [[nodiscard]] TrackingReason set_keyframe(const cv::Mat& image, const SiteGeometry& geometry,
+                                            const cv::Mat& mask = {});
+
+  /// Estimates the motion of the site from the keyframe to `image` (CV_8UC1 or BGR CV_8UC3).
+  /// `t_exposure` must be later than at every call before; otherwise the frame is lost and nothing
+  /// else happens. One thread at a time. While tracking, memory is only taken by the check of the
+  /// features and by the search after a jolt.
+  [[nodiscard]] MotionEstimate track(const cv::Mat& image, std::chrono::nanoseconds t_exposure);
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace holdfast::perception

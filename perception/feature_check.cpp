@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "perception/feature_check.hpp"
+
+#include <algorithm>
+
+namespace holdfast::perception {
+
+FeatureCheck::FeatureCheck(const CameraModel& camera, const TrackerParameters& parameters)
+    : camera_(camera), parameters_(parameters), detector_(parameters.features) {
+  camera_.distortion = camera.distortion.clone();
+}
+
+TrackingReason FeatureCheck::set_keyframe(const cv::Mat& image, const Site& site,
+                                          const cv::Mat& mask) {
+  constexpr int kSettling = 12;
+  View view;
+  make_grey_and_mask(image, parameters_.mask, view.images);
+  detector_.reset();
+  for (int i = 0; i < kSettling; ++i)
+    detector_.detect(view.images.grey, view.images.half, view.images.keep_half, view.features);
+  const std::vector<cv::Point2d> pixels(view.features.pixels.begin(), view.features.pixels.end());
+  const auto rays = to_normalised(camera_, pixels);
+  Features kept;
+  std::vector<Eigen::Vector3d> p_site_mm;
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const auto point = site.lift({rays[i].x, rays[i].y});
+    if (!point || (!mask.empty() && mask.at<uchar>(cv::Point(pixels[i])) == 0)) continue;
+    kept.pixels.push_back(view.features.pixels[i]);
+    kept.descriptors.push_back(view.features.descriptors[i]);
+    kept.strengths.push_back(view.features.strengths[i]);
+    p_site_mm.push_back(*point);
+  }
+  if (kept.size() < parameters_.health.features_min) return TrackingReason::too_few_features;
+  site_ = site;
+  keyframe_ = std::move(view);
+  keyframe_.features = std::move(kept);
+  p_site_mm_ = std::move(p_site_mm);
+  return TrackingReason::none;
+}
+
+TrackingReason FeatureCheck::judge(const MotionFit& fit, int matches) const {
+  const HealthParameters& health = parameters_.health;
+  const double share = static_cast<double>(fit.coarse_inliers) / std::max(matches, 1);
+  const double rival = static_cast<double>(fit.rival_inliers) / std::max(fit.coarse_inliers, 1);
+  if (share < health.inlier_share_min || rival >= health.rival_share_lost ||
+      !fit.covariance.allFinite())
+    return TrackingReason::inconsistent_motion;
+  if (fit.spread < health.spread_min) return TrackingReason::inliers_bunched;
+  return TrackingReason::none;
+}
+
+FeatureMotion FeatureCheck::find(const cv::Mat& image,
+                                 const std::optional<Eigen::Isometry3d>& T_predicted) {
+  make_grey_and_mask(image, parameters_.mask, current_.images);
+  detector_.detect(current_.images.grey, current_.images.half, current_.images.keep_half,
+                   current_.features);
+  FeatureMotion out;
+  out.features = current_.features.size();
+  out.reason = TrackingReason::too_few_features;
+  if (out.features < parameters_.health.features_min) return out;
+  std::vector<Match> matches;
+  if (T_predicted) {
+    std::vector<cv::Point2d> rays;
+    for (const Eigen::Vector3d& p_site : p_site_mm_) {
+      const Eigen::Vector3d p = *T_predicted * p_site;
+      rays.emplace_back(p.x() / p.z(), p.y() / p.z());
+    }
+    matches = match_near(keyframe_.features, to_pixels(camera_, rays), current_.features,
+                         parameters_.match);
+  } else {
+    matches = match_all(keyframe_.features, current_.features, parameters_.match);
+  }
+  out.matches = static_cast<int>(matches.size());
+  MotionResult result = fit_motion({camera_, parameters_, site_, keyframe_, p_site_mm_,
+                                    Eigen::Isometry3d::Identity(), current_, matches});
+  out.reason = result.reason;
+  if (!result.fit) return out;
+  out.reason = judge(*result.fit, out.matches);
+  if (out.reason == TrackingReason::none) out.fit = std::move(result.fit);
+  return out;
+}
+
+}  // namespace holdfast::perception
