@@ -274,9 +274,8 @@ void DirectTracker::Impl::object(MotionEstimate& out) const {
   out.reason = objection;
 }
 
-/// Guided by the estimate first; should that disagree, or the chain, exhaustively. What the
-/// exhaustive search contradicts is replaced by its pose when alignment from there explains more of
-/// the image. An objection stands until a check is content.
+/// What the features contradict is replaced by their pose when alignment from there explains more
+/// of the image. An objection stands until a check is content.
 void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate& out) {
   const bool has_drifted = out.has_drift && out.drift_um > parameters.health.drift_good_um;
   ++frames_since_check;
@@ -285,11 +284,9 @@ void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate&
   if (!is_due && !has_drifted) return;
   frames_since_check = 0;
   const StageTimer timer(out.times.check);
-  objection = judge_check(key->features.find(image, out.T_camera_site), out);
-  if (objection != TrackingReason::check_disagreement && !has_drifted) return;
-  const FeatureMotion again = key->features.find(image, std::nullopt);
-  objection = judge_check(again, out);
-  if (has_drifted && !again.fit) {  // nobody knows
+  const FeatureMotion found = key->features.find(image, out.T_camera_site);
+  objection = judge_check(found, out);
+  if (has_drifted && !found.fit) {  // nobody knows
     out.status = TrackingStatus::lost;
     out.reason = TrackingReason::drift_disagreement;
     return;
@@ -300,7 +297,7 @@ void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate&
   }
   if (objection != TrackingReason::check_disagreement) return;
   const Alignment other =
-      key->aligner.align(key->patches, pyramid, again.fit->pose.T_camera_site, 1);
+      key->aligner.align(key->patches, pyramid, found.fit->pose.T_camera_site, 1);
   if (unsound(other) == TrackingReason::none && other.quality.inliers > out.inliers) {
     fill(other, out);
     key->chain.break_off();

@@ -49,27 +49,9 @@ TrackingReason FeatureCheck::judge(const MotionFit& fit, int matches) const {
   return TrackingReason::none;
 }
 
-FeatureMotion FeatureCheck::find(const cv::Mat& image,
-                                 const std::optional<Eigen::Isometry3d>& T_predicted) {
-  make_grey_and_mask(image, parameters_.mask, current_.images);
-  detector_.detect(current_.images.grey, current_.images.half, current_.images.keep_half,
-                   current_.features);
+FeatureMotion FeatureCheck::fit(const std::vector<Match>& matches) {
   FeatureMotion out;
   out.features = current_.features.size();
-  out.reason = TrackingReason::too_few_features;
-  if (out.features < parameters_.health.features_min) return out;
-  std::vector<Match> matches;
-  if (T_predicted) {
-    std::vector<cv::Point2d> rays;
-    for (const Eigen::Vector3d& p_site : p_site_mm_) {
-      const Eigen::Vector3d p = *T_predicted * p_site;
-      rays.emplace_back(p.x() / p.z(), p.y() / p.z());
-    }
-    matches = match_near(keyframe_.features, to_pixels(camera_, rays), current_.features,
-                         parameters_.match);
-  } else {
-    matches = match_all(keyframe_.features, current_.features, parameters_.match);
-  }
   out.matches = static_cast<int>(matches.size());
   MotionResult result = fit_motion({camera_, parameters_, site_, keyframe_, p_site_mm_,
                                     Eigen::Isometry3d::Identity(), current_, matches});
@@ -78,6 +60,31 @@ FeatureMotion FeatureCheck::find(const cv::Mat& image,
   out.reason = judge(*result.fit, out.matches);
   if (out.reason == TrackingReason::none) out.fit = std::move(result.fit);
   return out;
+}
+
+FeatureMotion FeatureCheck::find(const cv::Mat& image,
+                                 const std::optional<Eigen::Isometry3d>& T_predicted) {
+  make_grey_and_mask(image, parameters_.mask, current_.images);
+  detector_.detect(current_.images.grey, current_.images.half, current_.images.keep_half,
+                   current_.features);
+  if (current_.features.size() < parameters_.health.features_min) {
+    FeatureMotion out;
+    out.features = current_.features.size();
+    out.reason = TrackingReason::too_few_features;
+    return out;
+  }
+  const FeatureMotion everywhere =
+      fit(match_all(keyframe_.features, current_.features, parameters_.match));
+  const bool is_starved = everywhere.reason == TrackingReason::too_few_matches ||
+                          everywhere.reason == TrackingReason::too_few_inliers;
+  if (!is_starved || !T_predicted) return everywhere;
+  std::vector<cv::Point2d> rays;
+  for (const Eigen::Vector3d& p_site : p_site_mm_) {
+    const Eigen::Vector3d p = *T_predicted * p_site;
+    rays.emplace_back(p.x() / p.z(), p.y() / p.z());
+  }
+  return fit(match_near(keyframe_.features, to_pixels(camera_, rays), current_.features,
+                        parameters_.match));
 }
 
 }  // namespace holdfast::perception

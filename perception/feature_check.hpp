@@ -29,12 +29,15 @@ class FeatureCheck {
   [[nodiscard]] TrackingReason set_keyframe(const cv::Mat& image, const Site& site,
                                             const cv::Mat& mask);
 
-  /// Guided: only matches near where `T_predicted` puts the features. Without it: exhaustive. The
-  /// image must have the camera's size and be CV_8UC1 or CV_8UC3. One thread at a time.
+  /// Exhaustive: every feature against every other, so that a second motion anywhere in the image
+  /// is seen. Should too few agree on any, and `T_predicted` be given, guided: only near where it
+  /// puts them. The image must have the camera's size and be CV_8UC1 or CV_8UC3. One thread at a
+  /// time.
   [[nodiscard]] FeatureMotion find(const cv::Mat& image,
                                    const std::optional<Eigen::Isometry3d>& T_predicted);
 
  private:
+  [[nodiscard]] FeatureMotion fit(const std::vector<Match>& matches);
   [[nodiscard]] TrackingReason judge(const MotionFit& fit, int matches) const;
   CameraModel camera_;
   TrackerParameters parameters_;
