@@ -8,6 +8,7 @@
 
 #include <Eigen/Cholesky>
 
+#include "perception/check_thread.hpp"
 #include "perception/direct_alignment.hpp"
 #include "perception/feature_check.hpp"
 #include "perception/frame_chain.hpp"
@@ -53,6 +54,7 @@ struct DirectTracker::Impl {
     DirectAligner aligner;
     FrameChain chain;
     FeatureCheck features;
+    std::unique_ptr<CheckThread> checker;  // none: checks are made at once
   };
   std::optional<Keyframe> key;
 
@@ -77,7 +79,9 @@ struct DirectTracker::Impl {
   void fill(const Alignment& alignment, MotionEstimate& out) const;
   void compare_chain(MotionEstimate& out);
   void compare_features(const cv::Mat& image, MotionEstimate& out);
-  [[nodiscard]] TrackingReason judge_check(const FeatureMotion& motion, MotionEstimate& out);
+  [[nodiscard]] TrackingReason judge_check(const FeatureMotion& motion, const CheckedPose& of,
+                                           MotionEstimate& out);
+  [[nodiscard]] std::optional<CheckResult> next_check(const cv::Mat& image, MotionEstimate& out);
   void object(MotionEstimate& out) const;
   [[nodiscard]] double difference_um(const Eigen::Isometry3d& a, const Eigen::Isometry3d& b) const;
   void estimate(const cv::Mat& image, MotionEstimate& out);
@@ -213,7 +217,7 @@ bool DirectTracker::Impl::relocalise(const cv::Mat& image, MotionEstimate& out) 
     return false;
   }
   frames_since_check = 0;
-  objection = judge_check(found, out);
+  objection = judge_check(found, {out.T_camera_site, out.covariance}, out);
   return true;
 }
 
@@ -250,15 +254,16 @@ void DirectTracker::Impl::compare_chain(MotionEstimate& out) {
 }
 
 /// What the features have to object to the estimate.
-TrackingReason DirectTracker::Impl::judge_check(const FeatureMotion& motion, MotionEstimate& out) {
+TrackingReason DirectTracker::Impl::judge_check(const FeatureMotion& motion, const CheckedPose& of,
+                                                MotionEstimate& out) {
   const CheckParameters& p = parameters.check;
   if (motion.reason == TrackingReason::inconsistent_motion) return motion.reason;
   if (!motion.fit)
     return ++checks_failed > p.failures_max ? TrackingReason::unchecked : TrackingReason::none;
   checks_failed = 0;
   out.has_check = true;
-  out.check_um = difference_um(out.T_camera_site, motion.fit->pose.T_camera_site);
-  const Eigen::Matrix2d C = (out.covariance + motion.fit->covariance).topLeftCorner<2, 2>();
+  out.check_um = difference_um(of.T_camera_site, motion.fit->pose.T_camera_site);
+  const Eigen::Matrix2d C = (of.covariance + motion.fit->covariance).topLeftCorner<2, 2>();
   out.check_sigma = out.check_um * 1e-3 / std::sqrt(std::max(C.trace() / 2, 1e-12));
   if (out.check_um > p.limit_um ||
       (out.check_um > p.limit_um / 5 && out.check_sigma > p.limit_sigma))
@@ -274,30 +279,43 @@ void DirectTracker::Impl::object(MotionEstimate& out) const {
   out.reason = objection;
 }
 
-/// What the features contradict is replaced by their pose when alignment from there explains more
-/// of the image. An objection stands until a check is content.
-void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate& out) {
+/// The check to judge at this frame: of this frame, made at once, or of an earlier one that the
+/// second thread has finished with. Orders the next.
+std::optional<CheckResult> DirectTracker::Impl::next_check(const cv::Mat& image,
+                                                           MotionEstimate& out) {
+  const CheckedPose pose{out.T_camera_site, out.covariance};
   const bool has_drifted = out.has_drift && out.drift_um > parameters.health.drift_good_um;
   ++frames_since_check;
   const bool is_due =
       parameters.check.every_frames > 0 && frames_since_check >= parameters.check.every_frames;
-  if (!is_due && !has_drifted) return;
-  frames_since_check = 0;
-  const StageTimer timer(out.times.check);
-  const FeatureMotion found = key->features.find(image, out.T_camera_site);
-  objection = judge_check(found, out);
-  if (has_drifted && !found.fit) {  // nobody knows
-    out.status = TrackingStatus::lost;
-    out.reason = TrackingReason::drift_disagreement;
-    return;
+  if (has_drifted || (is_due && !key->checker)) {
+    frames_since_check = 0;
+    return CheckResult{key->features.find(image, pose.T_camera_site), pose};
   }
-  if (has_drifted && out.status == TrackingStatus::tracking) {
-    out.status = TrackingStatus::degraded;
+  if (!key->checker) return std::nullopt;
+  std::optional<CheckResult> result = key->checker->take();
+  if (is_due && key->checker->order(image, pose)) frames_since_check = 0;
+  return result;
+}
+
+/// What the features contradict is replaced by their pose when alignment from there explains more
+/// of the image. An objection stands until a check is content.
+void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate& out) {
+  const StageTimer timer(out.times.check);
+  const auto check = next_check(image, out);
+  if (!check) return;
+  const FeatureMotion& found = check->motion;
+  objection = judge_check(found, check->of, out);
+  if (out.has_drift && out.drift_um > parameters.health.drift_good_um) {
+    out.status = found.fit ? TrackingStatus::degraded : TrackingStatus::lost;  // nobody knows
     out.reason = TrackingReason::drift_disagreement;
+    if (!found.fit) return;
   }
   if (objection != TrackingReason::check_disagreement) return;
+  const Eigen::Isometry3d T_since =
+      out.T_camera_site * check->of.T_camera_site.inverse(Eigen::Isometry);
   const Alignment other =
-      key->aligner.align(key->patches, pyramid, found.fit->pose.T_camera_site, 1);
+      key->aligner.align(key->patches, pyramid, T_since * found.fit->pose.T_camera_site, 1);
   if (unsound(other) == TrackingReason::none && other.quality.inliers > out.inliers) {
     fill(other, out);
     key->chain.break_off();
@@ -364,10 +382,19 @@ TrackingReason DirectTracker::set_keyframe(const cv::Mat& image, const SiteGeome
   if (!mask.empty()) keep_half &= kept_of_half(mask, keep_half.size());
   Pyramid pyramid;
   make_pyramid(image, pyramid);
-  Impl::Keyframe key{site, make_template(pyramid, keep_half, s.camera, site, s.parameters.direct),
+  std::unique_ptr<CheckThread> checker;
+  if (s.parameters.check.is_threaded) {
+    FeatureCheck beside(s.camera, s.parameters);
+    if (const auto reason = beside.set_keyframe(image, site, mask); reason != TrackingReason::none)
+      return reason;
+    checker = std::make_unique<CheckThread>(std::move(beside));
+  }
+  Impl::Keyframe key{site,
+                     make_template(pyramid, keep_half, s.camera, site, s.parameters.direct),
                      DirectAligner(s.camera, s.parameters, freedom, site.p_pivot_mm()),
                      FrameChain(s.camera, s.parameters, freedom, site.p_pivot_mm()),
-                     std::move(features)};
+                     std::move(features),
+                     std::move(checker)};
   std::size_t most = 0;
   for (const TemplateLevel& level : key.patches) most = std::max(most, level.size());
   if (key.patches[0].size() < static_cast<std::size_t>(kPatchesMin))

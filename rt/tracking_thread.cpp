@@ -9,7 +9,7 @@
 #include <pthread.h>
 
 #include "bridge/depth_file.hpp"
-#include "perception/tracker.hpp"
+#include "perception/direct_tracker.hpp"
 #include "rt/core/clock.hpp"
 #include "rt/core/error.hpp"
 
@@ -33,12 +33,14 @@ perception::SiteGeometry read_geometry(const DaemonConfig& config) {
   return perception::SitePlane{static_cast<double>(depth)};
 }
 
-perception::Tracker make_tracker(const DaemonConfig& config) {
+perception::DirectTracker make_tracker(const DaemonConfig& config) {
   const cv::Mat keyframe = cv::imread(config.registration.keyframe.string(), cv::IMREAD_ANYCOLOR);
   if (keyframe.empty())
     throw InputError(
         fmt::format("{}: cannot be read as an image", config.registration.keyframe.string()));
-  perception::Tracker tracker{config.calibration, config.tracker};
+  perception::TrackerParameters parameters = config.tracker;
+  parameters.check.is_threaded = true;
+  perception::DirectTracker tracker{config.calibration, parameters};
   const auto refusal = tracker.set_keyframe(keyframe, read_geometry(config));
   if (refusal != perception::TrackingReason::none)
     throw InputError(fmt::format("{}: cannot serve as keyframe: {}",
@@ -49,7 +51,7 @@ perception::Tracker make_tracker(const DaemonConfig& config) {
 }  // namespace
 
 TrackingThread::TrackingThread(const DaemonConfig& config, FrameIntake& intake) : intake_(intake) {
-  perception::Tracker tracker = make_tracker(config);
+  perception::DirectTracker tracker = make_tracker(config);
   thread_ =
       std::thread{[this, id = config.registration.id(), tracker = std::move(tracker)]() mutable {
         IntakeFrame frame;

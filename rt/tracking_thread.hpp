@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The tracker on a thread of its own: newest sound frame in, stamped estimate out.
+// The tracker on a thread of its own: newest sound frame in, stamped estimate out. Beside it, with
+// ordinary scheduling, the tracker's check by features (perception/check_thread.hpp).
 #pragma once
 
 #include <string>

@@ -10,6 +10,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
+#include "perception/check_thread.hpp"
 #include "perception/site.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "tests/perception/support/moving_scene.hpp"
@@ -149,6 +150,33 @@ TEST(DirectTracker, DepthOnAGridAndInAFrameOfItsOwnGivesTheSamePose) {
     EXPECT_LT(1000 * error_of(e, T).head<2>().norm(), 1.0);
   }
   EXPECT_LT(1000 * (poses[0] * scene.p_pivot_mm() - poses[1] * scene.p_pivot_mm()).norm(), 1.0);
+}
+
+TEST(CheckThread, FindsWhatACheckAtOnceFindsAndTakesOneFrameAtATime) {
+  const CameraModel camera = test::microscope_camera(640, 480);
+  const test::MovingScene scene(camera, test::photograph(), kDepthMm);
+  const Site site(camera, SitePlane{kDepthMm});
+  const cv::Mat keyframe = scene.image(kStill, 2, 9);
+  FeatureCheck at_once(camera, TrackerParameters{}), beside(camera, TrackerParameters{});
+  ASSERT_EQ(at_once.set_keyframe(keyframe, site, {}), TrackingReason::none);
+  ASSERT_EQ(beside.set_keyframe(keyframe, site, {}), TrackingReason::none);
+  CheckThread thread(std::move(beside));
+  EXPECT_FALSE(thread.take());
+  const Eigen::Isometry3d T(Eigen::Translation3d(0.4, 0.2, 0));
+  const cv::Mat image = scene.image(T, 2, 3);
+  const CheckedPose pose{T, Matrix6d::Identity()};
+  ASSERT_TRUE(thread.order(image, pose));
+  EXPECT_FALSE(thread.order(image, pose)) << "in work, or not taken";
+  thread.wait();
+  const auto result = thread.take();
+  ASSERT_TRUE(result && result->motion.fit);
+  EXPECT_TRUE(result->of.T_camera_site.isApprox(T));
+  const auto expected = at_once.find(image, T);
+  ASSERT_TRUE(expected.fit);
+  EXPECT_TRUE(
+      result->motion.fit->pose.T_camera_site.isApprox(expected.fit->pose.T_camera_site, 1e-12));
+  EXPECT_FALSE(thread.take());
+  EXPECT_TRUE(thread.order(image, pose));  // and is ended with a frame in work
 }
 
 TEST(DirectTracker, UnknownDepthOnlyCostsItsPatches) {
