@@ -15,7 +15,7 @@ class Correlations {
  public:
   explicit Correlations(int reach_px)
       : reach_(reach_px),
-        right_(static_cast<std::size_t>(2 * reach_px + 1)),
+        right_(2 * static_cast<std::size_t>(reach_px) + 1),
         squares_(right_.size()),
         products_(right_.size()) {}
 

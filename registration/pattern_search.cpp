@@ -41,13 +41,13 @@ std::vector<Dots> shuffled(std::uint64_t seed) {
 }  // namespace
 
 std::span<const Dots> all_dots() {
-  static const auto kAll = [] {
+  static const auto kept = [] {
     std::array<Dots, static_cast<std::size_t>(kDistances) * static_cast<std::size_t>(kSizes)> all;
     for (std::size_t i = 0; i < all.size(); ++i)
       all.at(i) = {static_cast<int>(i) / kSizes + 1, static_cast<int>(i) % kSizes + kSmallestDot};
     return all;
   }();
-  return kAll;
+  return kept;
 }
 
 PatternSearch::PatternSearch(PatternSearchOptions options) : options_(std::move(options)) {

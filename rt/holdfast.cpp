@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
   holdfast::rt::add_fiducials(app);
   holdfast::rt::add_keys(app);
   holdfast::rt::add_markers(app);
+  holdfast::rt::add_optimize_pattern(app);
   holdfast::rt::add_pattern(app);
   holdfast::rt::add_project(app);
   holdfast::rt::add_reconstruct(app);

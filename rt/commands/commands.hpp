@@ -14,6 +14,7 @@ void add_evaluate(CLI::App& app);
 void add_fiducials(CLI::App& app);
 void add_keys(CLI::App& app);
 void add_markers(CLI::App& app);
+void add_optimize_pattern(CLI::App& app);
 void add_pattern(CLI::App& app);
 void add_project(CLI::App& app);
 void add_reconstruct(CLI::App& app);

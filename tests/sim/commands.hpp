@@ -15,6 +15,7 @@ void add_reaction_commands(CLI::App& program);
 void add_operator_command(CLI::App& program);
 void add_or_command(CLI::App& program);
 void add_or_error_commands(CLI::App& program);
+void add_rig_command(CLI::App& app);
 void add_robot_command(CLI::App& program);
 void add_stereo_command(CLI::App& program);
 
