@@ -19,7 +19,8 @@ enum class DataId : std::uint8_t {
   tracking_health = 3,
   registration_info = 4,
   robot_status = 5,
-  operator_command = 6
+  operator_command = 6,
+  guard_permission = 7
 };
 
 /// Travels with each message. The CRC covers data id, all fields below except itself, and the

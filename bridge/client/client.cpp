@@ -51,9 +51,10 @@ struct Client::Impl {
                      .security = parameters.security}),
         poses(participant),
         stops(participant),
+        guards(participant),
         status(participant, random_source()),
         waitset(dds_create_waitset(participant.handle()), "create a waitset") {
-    for (const std::int32_t reader : {poses.handle(), stops.handle()}) {
+    for (const std::int32_t reader : {poses.handle(), stops.handle(), guards.handle()}) {
       require(dds_set_status_mask(reader, DDS_DATA_AVAILABLE_STATUS), "watch for messages");
       require(dds_waitset_attach(waitset.handle(), reader, 0), "watch for messages");
     }
@@ -73,6 +74,7 @@ struct Client::Impl {
   Participant participant;
   Reader<msg::CompensatedPose> poses;
   Reader<msg::MotionStop> stops;
+  Reader<msg::GuardPermission> guards;
   ProtectedWriter<msg::RobotStatus> status;
   Entity waitset;
   std::int64_t t_valid_until_ns = 0;  ///< of the permission given last
@@ -84,6 +86,7 @@ Client::~Client() = default;
 
 Permission Client::poll() noexcept {
   impl_->drain(impl_->poses);
+  impl_->drain(impl_->guards);
   impl_->drain(impl_->stops);  // last, so that no stop that has arrived is left out
   const Permission permission = impl_->core.decide(read_clocks().monotonic);
   impl_->t_valid_until_ns = permission.pose ? permission.pose->t_valid_until_ns : 0;

@@ -2,7 +2,8 @@
 // For authors of robot controllers: validates everything that Holdfast publishes and answers one
 // question, "may I act on a pose now, and on which". The answer is no unless everything says yes:
 //   - a fresh, consistent stream of motion-stop messages, the newest of which permits motion, and
-//   - a fresh, consistent stream of compensated poses from the same daemon, sent since then.
+//   - a fresh, consistent stream of compensated poses from the same daemon, sent since then, and
+//   - a fresh, consistent stream of permissions of the guard for that daemon (unless switched off).
 // Silence, a bad CRC, a repeated or skipped counter, age, a second sender, a number that is not
 // finite: all are no, with the reason. Standard C++ only; link holdfast::client.
 //
@@ -28,6 +29,12 @@ enum class ClockRelation : std::uint8_t {
   synchronised_utc  ///< two hosts, CLOCK_REALTIME synchronised (PTP) to within future_tolerance
 };
 
+/// Whether an independent guard (holdfast-guard) must agree.
+enum class Guard : std::uint8_t {
+  required,  ///< no permission without it
+  absent     ///< this set-up has none: for benches only; say so to whoever reads your log
+};
+
 /// Why the answer is no. On the wire in RobotStatus: the codes are stable.
 enum class Refusal : std::uint8_t {
   none = 0,
@@ -40,6 +47,9 @@ enum class Refusal : std::uint8_t {
   pose_before_permission = 6,  ///< the newest pose was sent before motion was permitted (again)
   sources_differ = 7,          ///< poses and motion-stop messages come from different senders
   second_source = 8,           ///< another sender was heard while the first is alive
+  no_guard_message = 9,        ///< no consistent messages of the guard yet
+  guard_silent = 10,           ///< the guard's newest message has outlived its validity
+  guard_withheld = 11,         ///< the guard does not permit motion
   // What was wrong with a message; holds until `recovery_messages` good ones of its stream followed
   bad_version = 16,
   bad_data_id = 17,  ///< a message of another topic
@@ -64,6 +74,7 @@ struct Parameters {
   std::string configuration;  ///< Cyclone XML or file URI; empty: environment CYCLONEDDS_URI
   std::string security{};     ///< folder of `holdfast keys` for a robot; empty: unsecured
   ClockRelation clock = ClockRelation::same_host;
+  Guard guard = Guard::required;
   /// A message is valid for as long as it claims, but never longer than this after its sending.
   std::chrono::nanoseconds validity_max = std::chrono::milliseconds(20);
   std::chrono::nanoseconds future_tolerance = std::chrono::milliseconds(1);
@@ -113,7 +124,8 @@ struct Permission {
   std::optional<Pose> pose;  ///< present: act on it, until its t_valid_until_ns. Absent: stop.
   Refusal refusal = Refusal::no_stop_message;  ///< none exactly when there is a pose
   StopState stop;
-  std::int64_t t_ns = 0;  ///< when this was decided, CLOCK_MONOTONIC
+  std::uint8_t guard_cause = 0;  ///< rt/guard/guard_core.hpp GuardCause; for display and logs
+  std::int64_t t_ns = 0;         ///< when this was decided, CLOCK_MONOTONIC
 
   [[nodiscard]] bool is_permitted() const noexcept { return pose.has_value(); }
 };
@@ -121,6 +133,7 @@ struct Permission {
 struct Counts {
   std::uint64_t poses_accepted = 0, poses_refused = 0;
   std::uint64_t stops_accepted = 0, stops_refused = 0;
+  std::uint64_t guards_accepted = 0, guards_refused = 0;
   std::array<std::uint64_t, kRefusalCodes> refused_messages{};  ///< by Refusal code
 };
 

@@ -87,7 +87,9 @@ PermissionCore::PermissionCore(const Parameters& parameters) noexcept
       stops_{.receiver = {safety::DataId::motion_stop, receiver_parameters(parameters)},
              .fault = Refusal::no_stop_message},
       poses_{.receiver = {safety::DataId::compensated_pose, receiver_parameters(parameters)},
-             .fault = Refusal::no_pose} {}
+             .fault = Refusal::no_pose},
+      guards_{.receiver = {safety::DataId::guard_permission, receiver_parameters(parameters)},
+              .fault = Refusal::no_guard_message} {}
 
 template <class M>
 Refusal PermissionCore::examine(const M& message, Stream& stream, Clocks now) noexcept {
@@ -192,6 +194,29 @@ void PermissionCore::take(const msg::CompensatedPose& m, Clocks now) noexcept {
   t_pose_sent_ns_ = m.protection.t_monotonic_ns;
 }
 
+void PermissionCore::take(const msg::GuardPermission& m, Clocks now) noexcept {
+  auto refusal = examine(m, guards_, now);
+  if (refusal == Refusal::none && m.is_permitted != (m.cause == 0))
+    refusal = Refusal::contradictory_stop;
+  if (!settle(guards_, refusal, m.protection.source, counts_.guards_accepted,
+              counts_.guards_refused))
+    return;
+  is_vouched_ = m.is_permitted;
+  guard_cause_ = m.cause;
+  vouched_source_ = m.daemon_source;
+  t_vouched_ns_ = m.t_changed_ns;
+}
+
+Refusal PermissionCore::guard_refusal_at(nanoseconds now) const noexcept {
+  if (parameters_.guard == Guard::absent) return Refusal::none;
+  if (guards_.fault != Refusal::none) return guards_.fault;
+  if (now > guards_.receiver.valid_until()) return Refusal::guard_silent;
+  if (!is_vouched_) return Refusal::guard_withheld;
+  if (vouched_source_ != poses_.source) return Refusal::sources_differ;
+  if (t_pose_sent_ns_ < t_vouched_ns_) return Refusal::pose_before_permission;
+  return Refusal::none;
+}
+
 Refusal PermissionCore::refusal_at(nanoseconds now) const noexcept {
   if (has_second_source_ && now - t_second_source_ < parameters_.second_source_hold)
     return Refusal::second_source;
@@ -202,18 +227,22 @@ Refusal PermissionCore::refusal_at(nanoseconds now) const noexcept {
   if (now.count() > pose_.t_valid_until_ns) return Refusal::pose_silent;
   if (poses_.source != stops_.source) return Refusal::sources_differ;
   if (t_pose_sent_ns_ < stop_.t_changed_ns) return Refusal::pose_before_permission;
-  return Refusal::none;
+  return guard_refusal_at(now);
 }
 
 Permission PermissionCore::decide(nanoseconds now) const noexcept {
   Permission permission;
   permission.t_ns = now.count();
   permission.stop = stop_;
+  permission.guard_cause = guard_cause_;
   permission.refusal = refusal_at(now);
   if (permission.refusal != Refusal::none) return permission;
   permission.pose = pose_;
   permission.pose->t_valid_until_ns =
       std::min(pose_.t_valid_until_ns, stops_.receiver.valid_until().count());
+  if (parameters_.guard == Guard::required)
+    permission.pose->t_valid_until_ns =
+        std::min(permission.pose->t_valid_until_ns, guards_.receiver.valid_until().count());
   return permission;
 }
 

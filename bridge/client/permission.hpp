@@ -22,6 +22,7 @@ class PermissionCore {
   /// One message as received; `now` is this host's clocks after its reception.
   void take(const msg::MotionStop& message, Clocks now) noexcept;
   void take(const msg::CompensatedPose& message, Clocks now) noexcept;
+  void take(const msg::GuardPermission& message, Clocks now) noexcept;
 
   /// The answer at `now` (CLOCK_MONOTONIC).
   [[nodiscard]] Permission decide(std::chrono::nanoseconds now) const noexcept;
@@ -45,11 +46,17 @@ class PermissionCore {
   [[nodiscard]] Refusal content_fault(const msg::CompensatedPose& message) const noexcept;
   [[nodiscard]] std::int64_t to_local(std::int64_t t_ns, const msg::Protection& protection,
                                       Clocks now) const noexcept;
+  [[nodiscard]] Refusal guard_refusal_at(std::chrono::nanoseconds now) const noexcept;
   [[nodiscard]] Refusal refusal_at(std::chrono::nanoseconds now) const noexcept;
 
   Parameters parameters_;
   Stream stops_;
   Stream poses_;
+  Stream guards_;
+  bool is_vouched_ = false;           ///< by the guard's newest message
+  std::uint8_t guard_cause_ = 0;      ///< of it
+  std::uint32_t vouched_source_ = 0;  ///< whose poses it vouches for
+  std::int64_t t_vouched_ns_ = 0;     ///< since when, control PC's CLOCK_MONOTONIC
   StopState stop_;
   Pose pose_;
   std::int64_t t_pose_sent_ns_ = 0;  ///< control PC's CLOCK_MONOTONIC

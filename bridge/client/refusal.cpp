@@ -23,6 +23,12 @@ std::string_view name(Refusal refusal) noexcept {
       return "sources_differ";
     case Refusal::second_source:
       return "second_source";
+    case Refusal::no_guard_message:
+      return "no_guard_message";
+    case Refusal::guard_silent:
+      return "guard_silent";
+    case Refusal::guard_withheld:
+      return "guard_withheld";
     case Refusal::bad_version:
       return "bad_version";
     case Refusal::bad_data_id:

@@ -64,6 +64,12 @@ requires std::same_as<std::remove_const_t<M>, OperatorCommand>
   return std::tie(m.command, m.stop_id);
 }
 
+template <class M>
+requires std::same_as<std::remove_const_t<M>, GuardPermission>
+[[nodiscard]] constexpr auto fields(M& m) noexcept {
+  return std::tie(m.is_permitted, m.cause, m.daemon_source, m.t_changed_ns);
+}
+
 /// Calls f with each field of the message but the CRC: scalars one by one (array elements in
 /// order), a string as its whole char array.
 template <class M, class F>

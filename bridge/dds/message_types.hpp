@@ -16,10 +16,12 @@ using TrackingHealth = holdfast_msg_TrackingHealth;
 using RegistrationInfo = holdfast_msg_RegistrationInfo;
 using RobotStatus = holdfast_msg_RobotStatus;
 using OperatorCommand = holdfast_msg_OperatorCommand;
+using GuardPermission = holdfast_msg_GuardPermission;
 
 template <class M>
 concept Message = std::same_as<M, CompensatedPose> || std::same_as<M, MotionStop> ||
     std::same_as<M, TrackingHealth> || std::same_as<M, RegistrationInfo> ||
-    std::same_as<M, RobotStatus> || std::same_as<M, OperatorCommand>;
+    std::same_as<M, RobotStatus> || std::same_as<M, OperatorCommand> ||
+    std::same_as<M, GuardPermission>;
 
 }  // namespace holdfast::msg

@@ -18,19 +18,23 @@ constexpr auto kHealth = "holdfast/tracking_health"sv;
 constexpr auto kRegistration = "holdfast/registration_info"sv;
 constexpr auto kStatus = "holdfast/robot_status"sv;
 constexpr auto kCommand = "holdfast/operator_command"sv;
+constexpr auto kGuard = "holdfast/guard_permission"sv;
 
 constexpr std::array kDaemonWrites{kPose, kStop, kHealth, kRegistration};
 constexpr std::array kDaemonReads{kStatus, kCommand};
 constexpr std::array kRobotWrites{kStatus};
-constexpr std::array kRobotReads{kPose, kStop};
+constexpr std::array kRobotReads{kPose, kStop, kGuard};
 constexpr std::array kOperatorWrites{kCommand};
-constexpr std::array kOperatorReads{kStop, kHealth, kRegistration, kStatus};
-constexpr std::array kAll{kPose, kStop, kHealth, kRegistration, kStatus, kCommand};
+constexpr std::array kOperatorReads{kStop, kHealth, kRegistration, kStatus, kGuard};
+constexpr std::array kGuardWrites{kGuard};
+constexpr std::array kGuardReads{kPose, kStop, kHealth, kRegistration, kStatus};
+constexpr std::array kAll{kPose, kStop, kHealth, kRegistration, kStatus, kCommand, kGuard};
 
-constexpr std::array<RoleRights, 4> kRights{{
+constexpr std::array<RoleRights, 5> kRights{{
     {.role = "daemon", .publishes = kDaemonWrites, .subscribes = kDaemonReads},
     {.role = "robot", .publishes = kRobotWrites, .subscribes = kRobotReads},
     {.role = "operator", .publishes = kOperatorWrites, .subscribes = kOperatorReads},
+    {.role = "guard", .publishes = kGuardWrites, .subscribes = kGuardReads},
     {.role = "observer", .publishes = {}, .subscribes = kAll},
 }};
 

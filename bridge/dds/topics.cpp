@@ -16,7 +16,7 @@ constexpr std::chrono::nanoseconds kOff{0};
 //   else does not match readers with the default. autodispose off        a writer that ends makes
 //   no sample: silence is the signal. destination order      by reception: sender clocks decide
 //   nothing inside the middleware.
-constexpr std::array<TopicPolicy, 6> kPolicies{{
+constexpr std::array<TopicPolicy, 7> kPolicies{{
     {.name = "holdfast/compensated_pose",
      .data_id = safety::DataId::compensated_pose,
      .validity = milliseconds(15),
@@ -78,6 +78,16 @@ constexpr std::array<TopicPolicy, 6> kPolicies{{
      .deadline = kOff,                      // comes when a person decides
      .lifespan = milliseconds(500),         // the validity: a command does not act later
      .liveliness_lease = kOff},             // nobody waits for an operator
+    {.name = "holdfast/guard_permission",
+     .data_id = safety::DataId::guard_permission,
+     .validity = milliseconds(10),            // five repetitions, one each 2 ms
+     .reliability = Reliability::reliable,    // as motion_stop
+     .durability = Durability::none,          // as motion_stop
+     .writer_depth = 8,                       // as motion_stop
+     .reader_depth = 64,                      // as motion_stop
+     .deadline = milliseconds(20),            // as motion_stop
+     .lifespan = kOff,                        // as motion_stop
+     .liveliness_lease = milliseconds(100)},  // as motion_stop
 }};
 
 constexpr const TopicPolicy& row(safety::DataId id) noexcept {
@@ -106,6 +116,7 @@ HOLDFAST_TOPIC(TrackingHealth, tracking_health)
 HOLDFAST_TOPIC(RegistrationInfo, registration_info)
 HOLDFAST_TOPIC(RobotStatus, robot_status)
 HOLDFAST_TOPIC(OperatorCommand, operator_command)
+HOLDFAST_TOPIC(GuardPermission, guard_permission)
 #undef HOLDFAST_TOPIC
 
 }  // namespace holdfast::bridge::dds

@@ -91,7 +91,13 @@ class PermissionCoreTest : public testing::Test {
     return -1;
   }
 
-  Parameters parameters;
+  // The guard's part has its own tests: client_guard_test.cpp.
+  static Parameters without_guard() {
+    Parameters result;
+    result.guard = Guard::absent;
+    return result;
+  }
+  Parameters parameters = without_guard();
   PermissionCore core{parameters};
   Daemon daemon;
   static constexpr nanoseconds kT0 = 100s;
@@ -515,7 +521,7 @@ TEST(Refusal, EachCodeHasItsName) {
   int named = 0;
   for (std::uint8_t code = 0; code < kRefusalCodes; ++code)
     named += name(static_cast<Refusal>(code)) != "unknown" ? 1 : 0;
-  EXPECT_EQ(named, 23);
+  EXPECT_EQ(named, 26);
   EXPECT_EQ(name(Refusal::contradictory_stop), "contradictory_stop");
   EXPECT_EQ(name(static_cast<Refusal>(200)), "unknown");
 }

@@ -174,8 +174,8 @@ TEST(TopicPolicies, AreWholeAndDistinct) {
     EXPECT_GE(policy.reader_depth, policy.writer_depth);
     EXPECT_TRUE(policy.lifespan.count() == 0 || policy.lifespan >= policy.validity);
   }
-  EXPECT_EQ(names.size(), 6U);
-  EXPECT_EQ(ids.size(), 6U);
+  EXPECT_EQ(names.size(), 7U);
+  EXPECT_EQ(ids.size(), 7U);
 }
 
 }  // namespace

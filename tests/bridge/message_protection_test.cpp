@@ -92,7 +92,8 @@ struct TypeNames {
   }
 };
 using Messages = testing::Types<msg::CompensatedPose, msg::MotionStop, msg::TrackingHealth,
-                                msg::RegistrationInfo, msg::RobotStatus, msg::OperatorCommand>;
+                                msg::RegistrationInfo, msg::RobotStatus, msg::OperatorCommand,
+                                msg::GuardPermission>;
 TYPED_TEST_SUITE(MessageProtection, Messages, TypeNames);
 
 TYPED_TEST(MessageProtection, CoversEveryFieldInOrder) {
@@ -157,7 +158,7 @@ TYPED_TEST(MessageProtection, EverySingleBitFlipIsRefused) {
 
 TYPED_TEST(MessageProtection, AnotherTopicsMessageIsRefused) {
   TypeParam message = this->protected_message();
-  message.protection.data_id = static_cast<std::uint8_t>(message.protection.data_id % 6 + 1);
+  message.protection.data_id = static_cast<std::uint8_t>(message.protection.data_id % 7 + 1);
   message.protection.crc32c = canonical_crc(message);
   auto receiver = this->receiver();
   EXPECT_EQ(check(message, receiver, this->kNow), safety::Verdict::bad_data_id);

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Plays the daemon's two streams to a robot, well or badly. The only forger of poses.
+// Plays the daemon's two streams, and the guard that believes it, to a robot, well or badly. The
+// only forger of poses.
 #pragma once
 
 #include <algorithm>
@@ -18,15 +19,17 @@ class ScriptedDaemon {
   static constexpr std::chrono::milliseconds kStopValidity{20};
 
   explicit ScriptedDaemon(const Participant& participant)
-      : poses_(participant, PoseForger::key()), stops_(participant) {}
+      : poses_(participant, PoseForger::key()), stops_(participant), guards_(participant) {}
 
   [[nodiscard]] bool has_robot() const {
-    return poses_.status().matched > 0 && stops_.status().matched > 0;
+    return poses_.status().matched > 0 && stops_.status().matched > 0 &&
+           guards_.status().matched > 0;
   }
 
   /// One good message on each stream, as of now.
   void permit() {
     (void)stops_.write(permitted());
+    (void)guards_.write(vouched());
     (void)poses_.write(pose());
   }
   void stop() { (void)stops_.write(stopped()); }
@@ -52,6 +55,13 @@ class ScriptedDaemon {
     protect(m, source_, ++stop_counter_, kStopValidity, read_clocks());
     return m;
   }
+  [[nodiscard]] msg::GuardPermission vouched() {
+    msg::GuardPermission m{};
+    m.is_permitted = true;
+    m.daemon_source = source_;
+    protect(m, guard_source_, ++guard_counter_, kStopValidity, read_clocks());
+    return m;
+  }
   [[nodiscard]] msg::MotionStop stopped() {
     msg::MotionStop m{};
     m.mode = 5;
@@ -67,7 +77,10 @@ class ScriptedDaemon {
  private:
   Writer<msg::CompensatedPose> poses_;
   Writer<msg::MotionStop> stops_;
+  Writer<msg::GuardPermission> guards_;
   std::uint32_t source_ = random_source();
+  std::uint32_t guard_source_ = random_source();
+  std::uint32_t guard_counter_ = 0;
   std::uint32_t pose_counter_ = 0, stop_counter_ = 0;
   std::uint64_t frame_ = 0;
 };

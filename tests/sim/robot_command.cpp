@@ -32,6 +32,7 @@ struct RobotOptions {
   double rate_hz = 1000;
   double fault_at_s = -1;
   bool has_json = false;
+  bool is_without_guard = false;
 };
 
 nanoseconds monotonic_now() {
@@ -192,7 +193,8 @@ class Robot {
   // When motion ceased to be permitted at this robot: the reception of the message that said so, or
   // the instant to which the last permission reached.
   [[nodiscard]] std::int64_t permission_end(const Permission& p) const {
-    const bool is_silence = p.refusal == Refusal::pose_silent || p.refusal == Refusal::stop_silent;
+    const bool is_silence = p.refusal == Refusal::pose_silent ||
+                            p.refusal == Refusal::stop_silent || p.refusal == Refusal::guard_silent;
     if (is_silence) return t_valid_until_ns_;
     return p.refusal == Refusal::not_permitted ? p.stop.t_received_ns : p.t_ns;
   }
@@ -212,6 +214,8 @@ class Robot {
 
 void run_robot(const RobotOptions& options) {
   bridge::catch_interrupts();
+  if (options.client.guard == client::Guard::absent)
+    std::fputs("robot: WITHOUT A GUARD, as asked: nothing checks the daemon\n", stderr);
   Robot robot(options);
   robot.run();
   const auto summary = robot.summary();
@@ -240,9 +244,14 @@ void add_robot_command(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--fault-at", options->fault_at_s, "s after the start: report a fault")
       ->check(CLI::NonNegativeNumber);
+  command->add_flag("--without-guard", options->is_without_guard,
+                    "obey the daemon alone; otherwise holdfast-guard must permit too");
   command->add_flag("--json", options->has_json, "the result as one JSON object");
   command->footer("Example: holdfast-sim robot --domain 7 --log robot.csv --duration 10");
-  command->callback([options] { run_robot(*options); });
+  command->callback([options] {
+    if (options->is_without_guard) options->client.guard = client::Guard::absent;
+    run_robot(*options);
+  });
 }
 
 }  // namespace holdfast::sim

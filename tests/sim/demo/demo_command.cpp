@@ -113,6 +113,7 @@ void add_demo_command(CLI::App& app) {
   auto options = std::make_shared<DemoOptions>();
   options->rig.folder = "demo-out";
   options->rig.daemon_config = default_config();
+  options->rig.guard_config = options->rig.daemon_config.parent_path() / "demo-guard.toml";
   CLI::App* command = app.add_subcommand(
       "demo", "The whole chain on the virtual operating room: camera, daemon, robot, operator.");
   command->add_option("--out", options->rig.folder, "folder for logs, report and plots")

@@ -177,6 +177,7 @@ CLI::App* add_command(CLI::App& app, const char* name, const char* description,
                       const std::shared_ptr<ReactionOptions>& options) {
   options->rig.folder = std::filesystem::path{"bench-out"} / name;
   options->rig.daemon_config = std::filesystem::path{HOLDFAST_CONFIG_DIR} / "demo.toml";
+  options->rig.guard_config = std::filesystem::path{HOLDFAST_CONFIG_DIR} / "demo-guard.toml";
   CLI::App* command = app.add_subcommand(name, description);
   command->add_option("--out", options->rig.folder, "folder for logs")->capture_default_str();
   command->add_option("--config", options->rig.daemon_config, "the daemon's configuration")

@@ -47,8 +47,8 @@ Rig::Rig(const RigParameters& parameters)
       domain_(parameters.domain),
       camera_address_(parameters.camera_address) {
   std::filesystem::create_directories(folder_);
-  for (const char* old : {"camera.log", "daemon.log", "robot.log", "operator.log", "robot.csv",
-                          "truth.csv", "events.csv"})
+  for (const char* old : {"camera.log", "daemon.log", "guard.log", "robot.log", "operator.log",
+                          "robot.csv", "truth.csv", "events.csv"})
     std::filesystem::remove(folder_ / old);
   const auto sim = program_folder() / "holdfast-sim";
   ChildProcess setup{
@@ -81,6 +81,7 @@ Rig::Rig(const RigParameters& parameters)
       identified("operator", {"operator", "--domain", domain, "--auto", "--reaction-ms", "100"}),
       folder_ / "operator.log");
   start_daemon();
+  start_guard(parameters);
 }
 
 Rig::~Rig() {
@@ -96,7 +97,8 @@ void Rig::make_keys() {
   keys_ = folder_ / "keys";
   std::filesystem::remove_all(keys_);
   constexpr std::chrono::days kValidity{1};
-  bridge::make_authorities(keys_ / "authority", kValidity);
+  // Longer than what they sign, however long the making takes.
+  bridge::make_authorities(keys_ / "authority", 2 * kValidity);
   for (const bridge::dds::RoleRights& rights : bridge::dds::role_rights()) {
     const std::string role{rights.role};
     bridge::make_participant(keys_ / "authority", keys_ / role, rights, role, kValidity);
@@ -124,6 +126,15 @@ void Rig::start_daemon() {
                   identified("daemon", {"--config", folder_ / "holdfastd.toml", "--domain",
                                         std::to_string(domain_), "--camera", camera_address_}),
                   folder_ / "daemon.log");
+}
+
+void Rig::start_guard(const RigParameters& parameters) {
+  const std::filesystem::path config = folder_ / "guard.toml";
+  std::filesystem::copy_file(parameters.guard_config, config,
+                             std::filesystem::copy_options::overwrite_existing);
+  guard_.emplace(program_folder() / "holdfast-guard",
+                 identified("guard", {"--config", config, "--domain", std::to_string(domain_)}),
+                 folder_ / "guard.log");
 }
 
 void Rig::connect_control() {
@@ -168,6 +179,7 @@ void Rig::require_running() {
   };
   check(camera_, "camera.log");
   check(daemon_, "daemon.log");
+  check(guard_, "guard.log");
   check(robot_, "robot.log");
   check(operator_, "operator.log");
 }
@@ -221,7 +233,7 @@ void Rig::restart_daemon() {
 }
 
 void Rig::finish() {
-  for (auto* process : {&operator_, &robot_, &daemon_, &camera_})
+  for (auto* process : {&operator_, &robot_, &guard_, &daemon_, &camera_})
     if (*process) (void)(*process)->end(kEndPatience);
   bridge::write_file_atomically(
       (folder_ / "health.csv").string(),

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // The virtual operating room with the real programs in it: virtual camera, holdfastd, virtual robot
-// and operator, each its own process, talking GigE Vision and DDS.
+// and operator, guard, each its own process, talking GigE Vision and DDS.
 #pragma once
 
 #include <chrono>
@@ -22,6 +22,7 @@ namespace holdfast::sim {
 struct RigParameters {
   std::filesystem::path folder;         ///< everything is written here
   std::filesystem::path daemon_config;  ///< copied into the folder
+  std::filesystem::path guard_config;   ///< likewise
   int domain = 77;
   std::string camera_address = "127.0.0.1";
   std::string motion = "still";  ///< `holdfast-sim camera --motion`
@@ -73,6 +74,7 @@ class Rig {
                                                     std::vector<std::string> words) const;
   void start_camera(const RigParameters& parameters);
   void start_daemon();
+  void start_guard(const RigParameters& parameters);
   void require_running();
   void listen();
   void connect_control();
@@ -88,7 +90,7 @@ class Rig {
   std::optional<msg::MotionStop> newest_;
   std::map<std::uint64_t, std::uint32_t> tracker_us_;
   std::string health_csv_;  ///< health.csv, written by finish()
-  std::optional<ChildProcess> camera_, daemon_, robot_, operator_;
+  std::optional<ChildProcess> camera_, daemon_, guard_, robot_, operator_;
   int control_socket_ = -1;
 };
 
