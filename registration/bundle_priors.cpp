@@ -40,14 +40,16 @@ void add_prior(ceres::Problem& problem, const Prior& prior, double* block) {
 
 }  // namespace
 
-Prior camera_prior(const Camera& camera, cv::Size image, double distortion_px) {
+Prior camera_prior(const Camera& camera, cv::Size image, const BundleOptions& options) {
   const double f = std::exp(camera[0]), w = image.width, h = image.height;
   const double r = 0.5 * std::hypot(w, h) / f;  // of the image's corner
-  const double s = distortion_px / f;
   Prior prior;
   prior.mean = {std::log(f), std::log(f), 0.5 * (w - 1), 0.5 * (h - 1), 0, 0, 0, 0, 0, 0, 0, 0, 0};
   prior.sigma = {1, 1, 0.2 * w, 0.2 * h};
-  for (const int power : {3, 5, 2, 2, 7, 2, 4, 2, 4}) prior.sigma.push_back(s / std::pow(r, power));
+  for (const int power : {3, 5, 2, 2, 7})
+    prior.sigma.push_back(options.distortion_prior_px / (f * std::pow(r, power)));
+  for (const int power : {2, 4, 2, 4})
+    prior.sigma.push_back(options.prism_prior_px / (f * std::pow(r, power)));
   return prior;
 }
 
@@ -55,7 +57,7 @@ void add_priors(ceres::Problem& problem, Unknowns& unknowns, cv::Size image,
                 const BundleOptions& options) {
   for (ZoomUnknowns& zoom : unknowns.zooms)
     for (Camera* camera : {&zoom.left, &zoom.right}) {
-      add_prior(problem, camera_prior(*camera, image, options.distortion_prior_px), camera->data());
+      add_prior(problem, camera_prior(*camera, image, options), camera->data());
       problem.AddResidualBlock(
           new ceres::AutoDiffCostFunction<AspectResidual, 1, kIntrinsics>(new AspectResidual),
           nullptr, camera->data());

@@ -17,9 +17,9 @@ struct Prior {
   std::vector<double> mean, sigma;
 };
 
-/// Of a camera whose focal length is about that of `camera`. `distortion_px`: how far a
-/// coefficient may move the image's corner (1 sigma).
-[[nodiscard]] Prior camera_prior(const Camera& camera, cv::Size image, double distortion_px);
+/// Of a camera whose focal length is about that of `camera`.
+[[nodiscard]] Prior camera_prior(const Camera& camera, cv::Size image,
+                                 const BundleOptions& options);
 
 /// Of all cameras and the bend; holds what `options` say is not sought.
 void add_priors(ceres::Problem& problem, Unknowns& unknowns, cv::Size image,

@@ -80,10 +80,11 @@ Eigen::MatrixXd contrasts(const std::vector<ZoomViews>& views) {
   return q.rightCols(n - 3);
 }
 
-Eigen::VectorXd first_smooth_sigma(const ZoomUnknowns& zoom, cv::Size image, double distortion_px) {
+Eigen::VectorXd first_smooth_sigma(const ZoomUnknowns& zoom, cv::Size image,
+                                   const BundleOptions& options) {
   Eigen::VectorXd sigma(kOfZoom);
   for (const int side : {0, 1}) {
-    const Prior prior = camera_prior(side == 0 ? zoom.left : zoom.right, image, distortion_px);
+    const Prior prior = camera_prior(side == 0 ? zoom.left : zoom.right, image, options);
     for (int i = 0; i < kIntrinsics; ++i)
       sigma[side * kIntrinsics + i] =
           i < 2 ? 0.02 : (i < 4 ? 20 : 0.3 * prior.sigma[static_cast<std::size_t>(i)]);

@@ -10,6 +10,7 @@
 
 #include "registration/bundle_unknowns.hpp"
 #include "registration/calibration_views.hpp"
+#include "registration/stereo_bundle.hpp"
 
 namespace holdfast::registration::bundle {
 
@@ -19,7 +20,7 @@ namespace holdfast::registration::bundle {
 
 /// Loose: what a badly made zoom might do. One a parameter, in ZoomUnknowns::blocks()' order.
 [[nodiscard]] Eigen::VectorXd first_smooth_sigma(const ZoomUnknowns& zoom, cv::Size image,
-                                                 double distortion_px);
+                                                 const BundleOptions& options);
 
 /// What a parabola over zoom does not explain is 0 ± `sigma`.
 void add_smoothness(ceres::Problem& problem, Unknowns& unknowns, const Eigen::MatrixXd& contrasts,

@@ -5,14 +5,12 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
-#include <Eigen/Geometry>
 #include <Eigen/QR>
 #include <Eigen/SVD>
 #include <opencv2/calib3d.hpp>
 
 #include "registration/triangulation.hpp"
+#include "registration/working_volume.hpp"
 
 namespace holdfast::registration {
 namespace {
@@ -64,16 +62,6 @@ Eigen::MatrixXd pose_jacobian(const std::vector<cv::Point3d>& board, const Pose&
   return jacobian;
 }
 
-/// Columns scaled by the square root of the covariance's diagonal steps: J · L with L·Lᵀ = Cov.
-Eigen::MatrixXd square_root(const Eigen::MatrixXd& covariance) {
-  const Eigen::VectorXd scale = covariance.diagonal().cwiseMax(0).cwiseSqrt();
-  const Eigen::VectorXd inverse = scale.unaryExpr([](double s) { return s > 0 ? 1 / s : 0.0; });
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse.asDiagonal() * covariance *
-                                                              inverse.asDiagonal());
-  return scale.asDiagonal() * solver.eigenvectors() *
-         solver.eigenvalues().cwiseMax(0).cwiseSqrt().asDiagonal();
-}
-
 std::vector<cv::Point3d> points_of(const std::vector<Eigen::Vector3d>& board_mm) {
   std::vector<cv::Point3d> points;
   for (const auto& p : board_mm) points.emplace_back(p.x(), p.y(), p.z());
@@ -94,21 +82,6 @@ Pose fitted_pose(const BoardPair& pair, const std::vector<Eigen::Vector3d>& boar
 
 double rms_of_points(const Eigen::VectorXd& residual) {
   return std::sqrt(2 * residual.squaredNorm() / static_cast<double>(residual.size()));
-}
-
-/// Takes the best small rigid motion out of displacements of points.
-Eigen::MatrixXd without_rigid(const std::vector<Eigen::Vector3d>& points,
-                              const Eigen::MatrixXd& displacements) {
-  Eigen::MatrixXd motions(displacements.rows(), 6);
-  Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-  for (const auto& p : points) centre += p / static_cast<double>(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    const auto row = static_cast<Eigen::Index>(3 * i);
-    const Eigen::Vector3d p = points[i] - centre;
-    motions.block<3, 3>(row, 0).setIdentity();
-    motions.block<3, 3>(row, 3) << 0, p.z(), -p.y(), -p.z(), 0, p.x(), p.y(), -p.x(), 0;
-  }
-  return displacements - motions * motions.colPivHouseholderQr().solve(displacements);
 }
 
 }  // namespace
@@ -136,43 +109,14 @@ double predicted_nonrigid_mm(const ZoomCalibration& zoom, int image_width_px, in
                              double depth_mm) {
   constexpr double kUnknown = std::numeric_limits<double>::infinity();
   if (zoom.parameter_covariance.size() == 0) return kUnknown;
-  constexpr int kSteps = 4;
-  std::vector<cv::Point2d> left, right;
-  std::vector<Eigen::Vector3d> points;
-  for (int i = 0; i <= kSteps; ++i)
-    for (int j = 0; j <= kSteps; ++j)
-      for (const double depth : {0.9 * depth_mm, depth_mm, 1.1 * depth_mm}) {
-        const cv::Point2d pixel((image_width_px - 1.0) * i / kSteps,
-                                (image_height_px - 1.0) * j / kSteps);
-        const auto ray = rays({pixel}, zoom.camera_matrix_left, zoom.distortion_left).front();
-        const cv::Point3d p(ray.x() * depth, ray.y() * depth, depth);
-        std::vector<cv::Point2d> seen;
-        cv::Vec3d rotation;
-        cv::Rodrigues(zoom.R, rotation);
-        cv::projectPoints(std::vector<cv::Point3d>{p}, rotation, zoom.T, zoom.camera_matrix_right,
-                          zoom.distortion_right, seen);
-        if (!(seen[0].x >= 0 && seen[0].y >= 0 && seen[0].x <= image_width_px - 1 &&
-              seen[0].y <= image_height_px - 1))
-          continue;
-        left.push_back(pixel);
-        right.push_back(seen[0]);
-        points.emplace_back(p.x, p.y, p.z);
-      }
-  if (points.size() < 8) return kUnknown;
-  const Eigen::MatrixXd root = square_root(zoom.parameter_covariance);
-  const Eigen::VectorXd parameters = parameter_vector(zoom);
-  Eigen::MatrixXd displacements(static_cast<Eigen::Index>(3 * points.size()), root.cols());
-  constexpr double kStep = 1e-2;  // of a standard deviation: stays linear for a bad calibration
-  for (Eigen::Index k = 0; k < root.cols(); ++k) {
-    const auto moved =
-        triangulate(left, right, with_parameters(zoom, parameters + kStep * root.col(k)));
-    for (std::size_t i = 0; i < points.size(); ++i)
-      displacements.block<3, 1>(static_cast<Eigen::Index>(3 * i), k) =
-          (moved[i].p_camera_mm - points[i]) / kStep;
-  }
-  const double squares = without_rigid(points, displacements).squaredNorm();
-  return std::isfinite(squares) ? std::sqrt(squares / static_cast<double>(points.size()))
-                                : kUnknown;
+  const WorkingVolume volume = working_volume(zoom, image_width_px, image_height_px, depth_mm);
+  if (volume.p_camera_mm.size() < 8) return kUnknown;
+  const Eigen::MatrixXd moves =
+      displacements(volume, zoom, covariance_root(zoom.parameter_covariance));
+  const double squares = without_rigid(volume.p_camera_mm, moves).squaredNorm();
+  return std::isfinite(squares)
+             ? std::sqrt(squares / static_cast<double>(volume.p_camera_mm.size()))
+             : kUnknown;
 }
 
 double covariance_inflation(const std::vector<ZoomViews>& held_out,
@@ -182,7 +126,7 @@ double covariance_inflation(const std::vector<ZoomViews>& held_out,
   double excess = 0, predicted = 0;
   for (std::size_t z = 0; z < held_out.size(); ++z) {
     const ZoomCalibration& zoom = fold[z];
-    const Eigen::MatrixXd root = square_root(zoom.parameter_covariance);
+    const Eigen::MatrixXd root = covariance_root(zoom.parameter_covariance);
     const Eigen::VectorXd parameters = parameter_vector(zoom);
     for (const BoardPair& pair : held_out[z].pairs) {
       const Pose pose = fitted_pose(pair, board_mm, zoom);

@@ -10,6 +10,8 @@
 #include "registration/calibration_check.hpp"
 #include "registration/calibration_start.hpp"
 #include "registration/triangulation.hpp"
+#include "registration/working_volume.hpp"
+#include "registration/zoom_seating.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -176,7 +178,26 @@ class Run {
           covariance_inflation(held, part.zooms, part.board_mm, noise_.corner_sigma_px) / kFolds;
     }
     outcome_.covariance_inflation = inflation;
-    for (ZoomCalibration& zoom : outcome_.calibration.zooms) zoom.parameter_covariance *= inflation;
+    for (std::size_t z = 0; z < views_.size(); ++z)
+      outcome_.calibration.zooms[z].focus_mm = distance_mm(z);
+    outcome_.seating_px = learnt_seating_px(outcome_.calibration.zooms, image_.width, image_.height,
+                                            options_.seating_px);
+    for (std::size_t z = 0; z < views_.size(); ++z)
+      state_covariance(outcome_.calibration.zooms[z], outcome_.calibration.zooms[z].focus_mm);
+  }
+
+  /// From the bundle's covariance to that of what the next visit to this zoom will find.
+  void state_covariance(ZoomCalibration& zoom, double depth_mm) const {
+    const Eigen::Index n = 4 + static_cast<Eigen::Index>(zoom.distortion_left.total());
+    Eigen::VectorXd seating = Eigen::VectorXd::Zero(zoom.parameter_covariance.rows());
+    for (const Eigen::Index i : {Eigen::Index{2}, Eigen::Index{3}, n + 2, n + 3})
+      seating[i] = outcome_.seating_px * outcome_.seating_px;
+    zoom.parameter_covariance *= outcome_.covariance_inflation;
+    // Twice: as it sat for the boards, which shifts the frame too, and as it will sit.
+    zoom.parameter_covariance.diagonal() += seating;
+    zoom.parameter_covariance =
+        covariance_in_own_frame(zoom, image_.width, image_.height, depth_mm);
+    zoom.parameter_covariance.diagonal() += seating;
   }
 
   static void split(const ZoomViews& views, std::size_t fold, ZoomViews& kept, ZoomViews& held) {
@@ -254,7 +275,7 @@ class Run {
       if (options_.method == CalibrationMethod::joint) {
         part.zooms = adjusted(others, part.zooms, &noise_).zooms;
         for (ZoomCalibration& zoom : part.zooms)
-          zoom.parameter_covariance *= outcome_.covariance_inflation;
+          state_covariance(zoom, outcome_.zooms[z].distance_mm);
       }
       const ZoomCalibration zoom = calibration_at_zoom(part, views_[z].zoom);
       ZoomReport& report = outcome_.zooms[z];

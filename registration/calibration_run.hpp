@@ -30,7 +30,9 @@ struct CalibrationOptions {
   bool is_held_out = false;         ///< also predict each inner zoom from the others
   int least_pairs = 6;              ///< a zoom
   double worst_nonrigid_mm = 0.15;  ///< 1 sigma that the covariance may predict
-  double worst_view_px = 2;         ///< rms of one pair, beyond five times the median: no pair
+  double seating_px = 0.15;  ///< expected repeatability of a principal point from visit to visit
+                             ///< of a zoom (1 sigma): see learnt_seating_px
+  double worst_view_px = 2;  ///< rms of one pair, beyond five times the median: no pair
 };
 
 struct ViewReport {
@@ -53,6 +55,7 @@ struct CalibrationOutcome {
   std::vector<ZoomReport> zooms;
   double corner_sigma_px = 0;
   double covariance_inflation = 1;
+  double seating_px = 0;  ///< as assumed or learnt; part of the covariances
   Eigen::Vector3d bend_mm = Eigen::Vector3d::Zero();
 };
 

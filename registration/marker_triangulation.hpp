@@ -16,10 +16,11 @@
 namespace holdfast::registration {
 
 struct MarkerOptions {
-  double offset_mm = 0;       ///< the point wanted lies this far below the marker (a bead's 1 mm)
-  double marker_mm = 0;       ///< side of the black square; 0: not known, measured
-  int least = 3;              ///< markers that a registration needs
-  double worst_fit_px = 0.5;  ///< rms of one marker's corners in both images
+  double offset_mm = 0;  ///< the point wanted lies this far below the marker (a bead's 1 mm)
+  double marker_mm = 0;  ///< side of the black square; 0: not known, measured
+  double marker_sigma_mm = 0.01;   ///< how exactly each is made (1 sigma); 0: not used
+  int least = 3;                   ///< markers that a registration needs
+  double worst_fit_px = 0.5;       ///< rms of one marker's corners in both images
   double worst_side_share = 0.03;  ///< measured side against `marker_mm`
 };
 
@@ -36,10 +37,14 @@ struct MarkerSet {
   std::vector<LocatedMarker> markers;    ///< by id
   Eigen::MatrixXd joint_covariance_mm2;  ///< of all points: x y z of the first, then of the next
   std::vector<std::string> skipped;      ///< seen, but not by both; one line each
+  /// As these images show it: the zoom seats a little differently at each visit. With what is still
+  /// unknown of it. A surface from images of the same visit belongs to this one.
+  ZoomCalibration calibration;
 };
 
-/// Each marker is the square (of unknown side) that fits its corners in both images best.
-/// `calibration` at the images' zoom, with its covariance. Throws RefusedError naming marker, value
+/// Each marker is the square that fits its corners in both images best, of unknown side or of one
+/// known to marker_sigma_mm. `calibration` at the images' zoom; its error, as far as its covariance
+/// allows, is estimated from all markers together. Throws RefusedError naming marker, value
 /// and limit: an id twice in one image; too few seen by both; the two images disagreeing (left and
 /// right swapped, another zoom or calibration); a marker behind the cameras; a side unlike
 /// marker_mm.

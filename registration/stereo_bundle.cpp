@@ -57,8 +57,7 @@ class Bundle {
   /// A crude start tilts some boards the wrong way, and a bound against outliers would keep them
   /// there: first with a wide bound, then with the boards placed anew.
   void start_crudely() {
-    noise_.smooth_sigma =
-        bundle::first_smooth_sigma(unknowns_.zooms.front(), image_, options_.distortion_prior_px);
+    noise_.smooth_sigma = bundle::first_smooth_sigma(unknowns_.zooms.front(), image_, options_);
     noise_.corner_sigma_px = 3;
     (void)solve();
     place_boards(zooms());

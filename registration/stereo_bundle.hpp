@@ -20,7 +20,11 @@ struct BundleOptions {
   bool is_joint = true;             ///< smooth over zoom and one bent board; false: each zoom alone
   double outlier_sigma = 3;         ///< Huber's bound, in standard deviations of a corner
   double distortion_prior_px = 30;  ///< how far a coefficient may move the image's corner (1 sigma)
-  double bend_prior_mm = 0.05;      ///< the board's bend at its edge (1 sigma)
+  /// Likewise a coefficient of the thin prism. Lenses are turned and have little of it, and
+  /// together with the principal point it looks almost as a turn of the camera: free, it lets the
+  /// camera wander by millimetres.
+  double prism_prior_px = 0.1;
+  double bend_prior_mm = 0.05;  ///< the board's bend at its edge (1 sigma)
 };
 
 /// What the data taught about the noise: a fit of part of the views may take it over.

@@ -9,22 +9,34 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utils/logger.hpp>
-#include <opencv2/imgproc.hpp>
 #include <unistd.h>
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
-#include "bridge/image_file.hpp"
 #include "registration/calibration_images.hpp"
 #include "registration/calibration_run.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "rt/commands/commands.hpp"
+#include "rt/commands/grey_image.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
 namespace {
 
-using namespace registration;  // NOLINT(google-build-using-namespace): one room, throughout
+using registration::BoardPattern;
+using registration::BoardSearch;
+using registration::BundleOptions;
+using registration::calibrate_stereo;
+using registration::CalibrationMethod;
+using registration::CalibrationOptions;
+using registration::CalibrationOutcome;
+using registration::find_boards;
+using registration::list_calibration_images;
+using registration::SkippedPair;
+using registration::stereo_calibration_text;
+using registration::ViewError;
+using registration::ViewReport;
+using registration::ZoomReport;
 
 constexpr const char* kExample =
     "Example: five zooms, about 19 pairs each, of a board with 9x5 inner corners\n"
@@ -38,7 +50,7 @@ struct Options {
   std::string images, board = "9x5", out, method = "joint";
   double square_mm = 3;
   std::optional<double> focus_mm;
-  int threads = 2, coefficients = 12;
+  int threads = 2, coefficients = BundleOptions{}.coefficients;
   bool is_held_out = false, is_json = false;
 };
 
@@ -68,15 +80,7 @@ void check_interrupt() {
 
 cv::Mat read_grey(const std::string& path) {
   check_interrupt();
-  cv::Mat image = bridge::read_image_file(path), grey;
-  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
-  if (image.channels() != 1 || (image.depth() != CV_8U && image.depth() != CV_16U))
-    throw InputError(path + ": must be grey or colour, 8 or 16 bit");
-  if (image.depth() == CV_8U) return image;
-  double brightest = 0;
-  cv::minMaxLoc(image, nullptr, &brightest);
-  image.convertTo(grey, CV_8U, 255 / std::max(brightest, 1.0));
-  return grey;
+  return read_grey_image(path);
 }
 
 void tell(const std::string& what) {
@@ -143,6 +147,7 @@ void print_json(const Options& options, const BoardSearch& search,
   json["image_height"] = search.image.height;
   json["corner_sigma_px"] = outcome.corner_sigma_px;
   json["covariance_inflation"] = outcome.covariance_inflation;
+  json["seating_px"] = outcome.seating_px;
   json["board_bend_mm"] = {outcome.bend_mm[0], outcome.bend_mm[1], outcome.bend_mm[2]};
   for (const ZoomReport& zoom : outcome.zooms) json["zooms"].push_back(json_of(zoom));
   json["skipped"] = nlohmann::ordered_json::array();

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
 // `holdfast markers`: the markers on the patient's holders, as points in the left camera's frame.
-#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <string>
@@ -8,22 +7,33 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utils/logger.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
-#include "bridge/image_file.hpp"
 #include "registration/marker_detection.hpp"
 #include "registration/marker_triangulation.hpp"
 #include "registration/markups.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "rt/commands/commands.hpp"
+#include "rt/commands/grey_image.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
 namespace {
 
-using namespace registration;  // NOLINT(google-build-using-namespace): one room, throughout
+using registration::calibration_at_zoom;
+using registration::detect_markers;
+using registration::locate_markers;
+using registration::LocatedMarker;
+using registration::marker_dictionary;
+using registration::MarkerOptions;
+using registration::MarkerSet;
+using registration::markups_of;
+using registration::markups_text;
+using registration::read_stereo_calibration;
+using registration::stereo_calibration_text;
+using registration::StereoCalibration;
+using registration::ZoomCalibration;
 
 constexpr const char* kExample =
     "Example: the beads 1 mm below four 4x4 markers, from a pair taken with the pattern off\n"
@@ -32,27 +42,19 @@ constexpr const char* kExample =
     "Exit code 1: the images and the calibration do not fit together, or too few markers are seen.";
 
 struct Options {
-  std::string left, right, calibration, out, dictionary = "4x4_50";
+  std::string left, right, calibration, out, seated, dictionary = "4x4_50";
   double zoom = 0;
   MarkerOptions markers;
   bool may_extrapolate = false, is_json = false;
 };
 
 cv::Mat read_grey(const std::string& path, const StereoCalibration& calibration) {
-  cv::Mat image = bridge::read_image_file(path);
+  cv::Mat image = read_grey_image(path);
   if (image.cols != calibration.image_width_px || image.rows != calibration.image_height_px)
     throw InputError(fmt::format("{}: is {}x{} px, must be {}x{} px as the calibration", path,
                                  image.cols, image.rows, calibration.image_width_px,
                                  calibration.image_height_px));
-  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
-  if (image.channels() != 1 || (image.depth() != CV_8U && image.depth() != CV_16U))
-    throw InputError(path + ": must be grey or colour, 8 or 16 bit");
-  if (image.depth() == CV_8U) return image;
-  double brightest = 0;
-  cv::minMaxLoc(image, nullptr, &brightest);
-  cv::Mat grey;
-  image.convertTo(grey, CV_8U, 255 / std::max(brightest, 1.0));
-  return grey;
+  return image;
 }
 
 void print(const Options& options, const MarkerSet& set) {
@@ -98,6 +100,11 @@ void run(const Options& options) {
       detect_markers(right, dictionary, zoom.camera_matrix_right, zoom.distortion_right), zoom,
       options.markers);
   if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+  if (!options.seated.empty()) {
+    StereoCalibration seated = calibration;
+    seated.zooms = {set.calibration};
+    bridge::write_file_atomically(options.seated, stereo_calibration_text(seated));
+  }
   bridge::write_file_atomically(options.out, markups_text(markups_of(set)));
   print(options, set);
 }
@@ -117,8 +124,17 @@ void add_markers(CLI::App& app) {
       ->add_option("--offset-mm", options->markers.offset_mm,
                    "Write the point this far below each marker along its normal, mm")
       ->capture_default_str();
-  markers->add_option("--marker-mm", options->markers.marker_mm,
-                      "Side of the black square, mm, to check against (default: not checked)");
+  markers->add_option(
+      "--marker-mm", options->markers.marker_mm,
+      "Side of the black square, mm, to check and to measure by (default: not known)");
+  markers
+      ->add_option("--marker-sigma-mm", options->markers.marker_sigma_mm,
+                   "How exactly the squares are made, mm (1 sigma); 0: only check")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
+  markers->add_option("--seated", options->seated,
+                      "Also write the calibration as these images show it, for `reconstruct` on "
+                      "images of the same visit to the zoom");
   markers->add_option("--least", options->markers.least, "Refuse fewer markers than this")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();

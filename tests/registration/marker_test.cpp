@@ -110,6 +110,43 @@ TEST_F(Markers, TheCalibrationsUncertaintyIsSharedByAllMarkers) {
   EXPECT_EQ(without.joint_covariance_mm2(2, 5), 0);
 }
 
+TEST_F(Markers, TellHowTheZoomIsSeatedThisTime) {
+  const auto left = detected(true), right = detected(false);
+  const auto error_mm = [&](const MarkerSet& set) {
+    double squares = 0;
+    for (const LocatedMarker& m : set.markers) {
+      const Eigen::Vector2d centre = kCentres[m.id];
+      const Eigen::Vector3d truth = T_camera_plane_ * Eigen::Vector3d(centre.x(), centre.y(), 0);
+      squares += (m.point_mm - truth).squaredNorm() / 3;
+    }
+    return std::sqrt(squares);
+  };
+  // Calibrated as it was seated then, 0.3 px elsewhere in x and y: 0.13 mm of depth.
+  zoom_.camera_matrix_right(0, 2) += 0.3;
+  zoom_.camera_matrix_right(1, 2) -= 0.3;
+  MarkerOptions options;
+  const MarkerSet unaware = locate_markers(left, right, zoom_, options);
+  EXPECT_GT(error_mm(unaware), 0.1);
+  EXPECT_GT(unaware.markers[0].fit_px, 0.12);
+  zoom_.parameter_covariance = Eigen::MatrixXd::Zero(24, 24);
+  for (const Eigen::Index i : {2, 3, 11, 12}) zoom_.parameter_covariance(i, i) = 0.2 * 0.2;
+  const MarkerSet aware = locate_markers(left, right, zoom_, options);  // y only: lines must meet
+  EXPECT_LT(aware.markers[0].fit_px, 0.06);
+  EXPECT_LT(aware.calibration.parameter_covariance(12, 12), 0.6 * 0.2 * 0.2);
+  options.marker_mm = kSideMm;
+  options.marker_sigma_mm = 1e-3;
+  const MarkerSet measured = locate_markers(left, right, zoom_, options);  // x too: depth is size
+  EXPECT_LT(error_mm(measured), 0.06);
+  for (const MarkerSet* set : {&aware, &measured}) {
+    Eigen::VectorXd error(9);
+    for (std::size_t i = 0; i < 3; ++i)
+      error.segment<3>(static_cast<Eigen::Index>(3 * i)) =
+          set->markers[i].point_mm -
+          T_camera_plane_ * Eigen::Vector3d(kCentres[i].x(), kCentres[i].y(), 0);
+    EXPECT_LT(error.dot(set->joint_covariance_mm2.ldlt().solve(error)), 28);  // 99.9 % of 9
+  }
+}
+
 TEST_F(Markers, RefusalsNameTheMarker) {
   const auto left = detected(true), right = detected(false);
   const auto names = [](const std::string& text, const char* what) {
