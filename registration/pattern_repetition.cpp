@@ -50,7 +50,8 @@ class Correlations {
   }
   /// At `offset` from the match.
   [[nodiscard]] double at(int offset) const {
-    const auto i = static_cast<std::size_t>(offset + reach_);
+    const int index = offset + reach_;
+    const auto i = static_cast<std::size_t>(index);
     const double n = n_, left = left_, right = right_[i];
     const double of_left = n * left_squares_ - left * left;
     const double of_right = n * squares_[i] - right * right;

@@ -146,7 +146,7 @@ class Upsampler {
     const float place = (static_cast<float>(y % size) + 0.5F) / static_cast<float>(size) - 0.5F;
     const int beside = std::clamp(at + (place < 0 ? -1 : 1), 0, rows - 1);
     between(refined_.offset_px[at], refined_.variance_px2[at], refined_.offset_px[beside],
-            std::abs(place));
+            place < 0 ? -place : place);
     for (int i = 0; i < size; ++i) {
       const float across = (static_cast<float>(i) + 0.5F) / static_cast<float>(size) - 0.5F;
       phase(across, i, y, map);
@@ -214,7 +214,7 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
                          parameters.repetition, pool);
   map.ambiguous_share = repetition.ambiguous_share;
   for (const WindowFit& fit : repetition.windows)
-    if (fit.is_ambiguous) refined.offset_px(fit.cell_px).setTo(kNan);
+    if (fit.is_ambiguous) refined.offset_px(fit.cell_px).setTo(static_cast<double>(kNan));
   const cv::Size size = pairs[0].left.pixels.size();
   map.disparity_px.create(size);
   map.variance_px2.create(size);
