@@ -22,8 +22,10 @@ std::uint8_t crc8(std::uint32_t id, const Frame& frame) noexcept {
   std::uint8_t crc = 0xff;
   const auto add = [&crc](std::uint8_t byte) {
     crc = static_cast<std::uint8_t>(crc ^ byte);
-    for (int bit = 0; bit < 8; ++bit)
-      crc = static_cast<std::uint8_t>((crc << 1U) ^ ((crc & 0x80U) != 0 ? 0x1dU : 0U));
+    for (int bit = 0; bit < 8; ++bit) {
+      const std::uint32_t shifted = static_cast<std::uint32_t>(crc) << 1U;
+      crc = static_cast<std::uint8_t>(shifted ^ ((crc & 0x80U) != 0 ? 0x1dU : 0U));
+    }
   };
   add(static_cast<std::uint8_t>(id & 0xffU));
   add(static_cast<std::uint8_t>(id >> 8U));

@@ -19,8 +19,8 @@ struct RoleRights {
   std::span<const std::string_view> publishes, subscribes;  ///< topic names
 };
 
-/// daemon, robot, operator, guard, observer. A robot cannot publish poses, an observer cannot publish at
-/// all, only the operator can acknowledge a stop.
+/// daemon, robot, operator, guard, observer. A robot cannot publish poses, an observer cannot
+/// publish at all, only the operator can acknowledge a stop.
 [[nodiscard]] std::span<const RoleRights> role_rights() noexcept;
 /// Null when there is no such role.
 [[nodiscard]] const RoleRights* find_role(std::string_view role) noexcept;
