@@ -23,7 +23,7 @@
 namespace holdfast::rtvm {
 namespace {
 
-using namespace bridge::can;
+using namespace bridge::can;  // NOLINT(google-build-using-namespace): this file is its user
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
 

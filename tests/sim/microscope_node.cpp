@@ -6,7 +6,7 @@
 
 namespace holdfast::sim {
 
-using namespace bridge::can;
+using namespace bridge::can;  // NOLINT(google-build-using-namespace): this file is its node
 
 void MicroscopeNode::poll(std::chrono::nanoseconds now) {
   Frame frame;
