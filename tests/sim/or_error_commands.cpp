@@ -13,6 +13,7 @@
 #include "registration/stereo_calibration.hpp"
 #include "tests/sim/commands.hpp"
 #include "tests/sim/or/calibration_error.hpp"
+#include "tests/sim/or/ideal_calibration.hpp"
 #include "tests/sim/or/point_error.hpp"
 #include "tests/sim/or/room.hpp"
 
@@ -81,7 +82,7 @@ void run_calibration_error(const CalibrationOptions& options) {
 }
 
 struct PointOptions {
-  std::string points, truth, point = "marker";
+  std::string points, truth, point = "marker", calibration, config;
   int pose = 0;
   double reach_mm = 3;
   bool is_json = false;
@@ -117,9 +118,19 @@ void report(const PointError& error, bool is_json) {
 }
 
 void run_marker_error(const PointOptions& options) {
-  report(error_by_label(registration::read_markups(options.points),
-                        true_points(options.truth, options.point + "_camera", options.pose)),
-         options.is_json);
+  std::vector<TruePoint> truth =
+      true_points(options.truth, options.point + "_camera", options.pose);
+  if (!options.calibration.empty()) {
+    const RoomConfig config = read_room_config(options.config);
+    const StereoOptics optics = Microscope(config.optics).at(config.zoom);
+    const Eigen::Isometry3d T_own_ideal =
+        frame_of(registration::calibration_at_zoom(
+                     registration::read_stereo_calibration(options.calibration), config.zoom),
+                 optics) *
+        ideal_calibration(optics).T_camera_head.inverse();
+    for (TruePoint& point : truth) point.p_mm = T_own_ideal * point.p_mm;
+  }
+  report(error_by_label(registration::read_markups(options.points), truth), options.is_json);
 }
 
 void run_bead_error(const PointOptions& options) {
@@ -160,6 +171,10 @@ void add_or_error_commands(CLI::App& app) {
   markers->add_option("--point", marker_options->point, "which point was measured")
       ->check(CLI::IsMember({"marker", "bead"}))
       ->capture_default_str();
+  CLI::Option* own =
+      markers->add_option("--calibration", marker_options->calibration,
+                          "judge in the frame of this stereo.yaml, not in the truth file's");
+  own->needs(markers->add_option("--config", marker_options->config, "the room of the images"));
   markers->callback([options = marker_options] { run_marker_error(*options); });
   const auto [beads, bead_options] = add(
       "bead-error", "Bead centres found in the CT against where they truly are.", "--fiducials");

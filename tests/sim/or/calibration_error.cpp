@@ -57,6 +57,17 @@ Eigen::Isometry3d fit_rigid(const std::vector<Vector3d>& a, const std::vector<Ve
   return T_b_a;
 }
 
+Eigen::Isometry3d frame_of(const registration::ZoomCalibration& model, const StereoOptics& optics) {
+  const std::vector<Vector3d> truth = working_volume(optics);
+  const Eigen::Isometry3d T_left_head = optics.T_head_left.inverse();
+  const Eigen::Isometry3d T_right_head = optics.T_head_right.inverse();
+  std::vector<Vector3d> found;
+  for (const Vector3d& p : truth)
+    found.push_back(triangulate(model, optics.left.project(T_left_head * p),
+                                optics.right.project(T_right_head * p)));
+  return fit_rigid(truth, found);
+}
+
 CalibrationError calibration_error(const registration::ZoomCalibration& model,
                                    const StereoOptics& optics) {
   const std::vector<Vector3d> truth = working_volume(optics);

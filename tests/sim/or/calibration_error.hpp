@@ -25,6 +25,11 @@ struct CalibrationError {
 [[nodiscard]] CalibrationError calibration_error(const registration::ZoomCalibration& model,
                                                  const StereoOptics& optics);
 
+/// From the head to the camera as `model` has it: the rigid motion that takes working_volume() to
+/// where the model sees it through `optics`. What of a calibration no measurement with it can tell.
+[[nodiscard]] Eigen::Isometry3d frame_of(const registration::ZoomCalibration& model,
+                                         const StereoOptics& optics);
+
 /// p (frame of model's left camera) of a pixel pair: the middle of the shortest line between both
 /// lines of sight. `gap_mm`, if given, receives that line's length.
 [[nodiscard]] Eigen::Vector3d triangulate(const registration::ZoomCalibration& model,
