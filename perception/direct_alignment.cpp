@@ -382,6 +382,30 @@ Alignment DirectAligner::align(const DirectTemplate& patches, const Pyramid& ima
   return out;
 }
 
+Testimony DirectAligner::ask(const TemplateLevel& witnesses, const Pyramid& image,
+                             const Eigen::Isometry3d& T_camera_site) const {
+  constexpr double kToleratedPx = 0.5, kSigmas2 = 9, kLikenessMin = 0.5;
+  const Impl& s = *impl_;
+  Testimony out;
+  Row row;
+  for (std::size_t k = 0; k < witnesses.size(); ++k) {
+    const PatchGeometry& geometry = witnesses.geometry[k];
+    if (!s.look(witnesses.pixels[k], geometry, image.levels[0], 0, T_camera_site,
+                Interpolation::bilinear, row))
+      continue;
+    ++out.visible;
+    // Weak texture is less alike under noise.
+    const double squares = static_cast<double>(geometry.squares);
+    const double expected = squares / (squares + kPatchCount * s.noise2);
+    const double variance_px2 =
+        s.noise2 * geometry.unit_covariance_px2.trace() + row.by_depth.squaredNorm();
+    const bool is_near =
+        row.displacement.squaredNorm() < kToleratedPx * kToleratedPx + kSigmas2 * variance_px2;
+    if (row.zncc > kLikenessMin * expected && is_near) ++out.agreeing;
+  }
+  return out;
+}
+
 double DirectAligner::similarity(const DirectTemplate& patches, const Pyramid& image, int level,
                                  const Eigen::Isometry3d& T_camera_site) {
   const Impl& s = *impl_;

@@ -43,6 +43,12 @@ struct Alignment {
   AlignmentQuality quality;
 };
 
+/// What patches that took no part in an alignment say of its pose.
+struct Testimony {
+  int visible = 0;
+  int agreeing = 0;  ///< alike, and displaced by no more than noise explains, or half a pixel
+};
+
 class DirectAligner {
  public:
   DirectAligner(const CameraModel& camera, const TrackerParameters& parameters, Freedom freedom,
@@ -59,6 +65,9 @@ class DirectAligner {
   /// From the level `coarsest` (0: full size) down to full size. One thread at a time.
   [[nodiscard]] Alignment align(const DirectTemplate& patches, const Pyramid& image,
                                 const Eigen::Isometry3d& T_start, int coarsest);
+  /// The noise is that of the last alignment.
+  [[nodiscard]] Testimony ask(const TemplateLevel& witnesses, const Pyramid& image,
+                              const Eigen::Isometry3d& T_camera_site) const;
   /// Mean ZNCC of the level's visible patches where the pose puts them, none left out; -1 when
   /// fewer than 8 are visible.
   [[nodiscard]] double similarity(const DirectTemplate& patches, const Pyramid& image, int level,

@@ -45,10 +45,11 @@ class LevelBuilder {
     cv::cornerMinEigenVal(image_, score_, kPatchSide - 1);
   }
 
-  TemplateLevel build(int wanted);
+  TemplateLevel build(int wanted, bool is_weakest = false);
 
  private:
-  void add_best_of(cv::Rect cell, TemplateLevel& out);
+  void rank(cv::Rect cell, bool is_weakest);
+  void add_first(TemplateLevel& out);
   [[nodiscard]] bool is_kept(cv::Point corner) const;
   [[nodiscard]] bool place(cv::Point corner, PatchGeometry& geometry) const;
 
@@ -61,7 +62,7 @@ class LevelBuilder {
   std::vector<std::pair<float, cv::Point>> candidates_;
 };
 
-TemplateLevel LevelBuilder::build(int wanted) {
+TemplateLevel LevelBuilder::build(int wanted, bool is_weakest) {
   TemplateLevel out;
   const int reach = kMargin + kPatchSide;
   if (image_.cols <= 2 * reach || image_.rows <= 2 * reach) return out;
@@ -70,18 +71,27 @@ TemplateLevel LevelBuilder::build(int wanted) {
   const cv::Rect inside(kMargin, kMargin, image_.cols - reach - kMargin,
                         image_.rows - reach - kMargin);
   for (int y = inside.y; y < inside.br().y; y += cell)
-    for (int x = inside.x; x < inside.br().x; x += cell)
-      add_best_of(cv::Rect(x, y, cell, cell) & inside, out);
+    for (int x = inside.x; x < inside.br().x; x += cell) {
+      rank(cv::Rect(x, y, cell, cell) & inside, is_weakest);
+      add_first(out);
+    }
   return out;
 }
 
-/// `cell` holds first pixels of patches.
-void LevelBuilder::add_best_of(cv::Rect cell, TemplateLevel& out) {
+/// The candidates of a cell that are looked at, in order: those of most texture, or those of the
+/// least that is clearly enough. `cell` holds first pixels of patches.
+void LevelBuilder::rank(cv::Rect cell, bool is_weakest) {
+  // cv::cornerMinEigenVal scales its derivatives, and sums over 7x7.
+  constexpr double kScale = 1.0 / (4 * (kPatchSide - 1) * 255) * 8;
+  constexpr double kArea = 49.0 / kPatchCount;
+  const auto enough = static_cast<float>(2 * texture_min_ * kScale * kScale * kArea);
   candidates_.clear();
   for (int y = cell.y; y < cell.br().y; y += 2)
-    for (int x = cell.x; x < cell.br().x; x += 2)
-      candidates_.emplace_back(score_.at<float>(y + kPatchSide / 2, x + kPatchSide / 2),
-                               cv::Point(x, y));
+    for (int x = cell.x; x < cell.br().x; x += 2) {
+      const float score = score_.at<float>(y + kPatchSide / 2, x + kPatchSide / 2);
+      if (is_weakest && score < enough) continue;
+      candidates_.emplace_back(is_weakest ? -score : score, cv::Point(x, y));
+    }
   const std::size_t n = std::min(kAttempts, candidates_.size());
   std::partial_sort(candidates_.begin(), candidates_.begin() + static_cast<std::ptrdiff_t>(n),
                     candidates_.end(), [](const auto& a, const auto& b) {
@@ -89,10 +99,13 @@ void LevelBuilder::add_best_of(cv::Rect cell, TemplateLevel& out) {
                       return a.second.y != b.second.y ? a.second.y < b.second.y
                                                       : a.second.x < b.second.x;
                     });
+  candidates_.resize(n);
+}
+
+void LevelBuilder::add_first(TemplateLevel& out) {
   PatchPixels pixels;
   PatchGeometry geometry;
-  for (std::size_t k = 0; k < n; ++k) {
-    const cv::Point corner = candidates_[k].second;
+  for (const auto& [score, corner] : candidates_) {
     if (!is_kept(corner) || !cut_patch(image_, corner, texture_min_, pixels, geometry) ||
         !place(corner, geometry))
       continue;
@@ -184,6 +197,15 @@ DirectTemplate make_template(const Pyramid& keyframe, const cv::Mat& keep_half,
     out[static_cast<std::size_t>(level)] = builder.build(wanted);
   }
   return out;
+}
+
+TemplateLevel make_witnesses(const Pyramid& keyframe, const cv::Mat& keep_half,
+                             const CameraModel& camera, const Site& site,
+                             const DirectParameters& parameters) {
+  cv::Mat dropped_sums;
+  cv::integral((keep_half == 0) / 255, dropped_sums, CV_32S);
+  LevelBuilder builder(keyframe, 0, dropped_sums, camera, site, parameters.texture_min);
+  return builder.build(parameters.witnesses, true);
 }
 
 }  // namespace holdfast::perception

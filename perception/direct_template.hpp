@@ -34,6 +34,13 @@ struct TemplateLevel {
 
 using DirectTemplate = std::array<TemplateLevel, kPyramidLevels>;
 
+/// Full-size patches that take no part in the alignment but are asked about it: the weakest texture
+/// of each cell. What is bright and fixed to the microscope (projected dots, an aiming beam, dust)
+/// wins every contest for texture; between it only the site is seen.
+[[nodiscard]] TemplateLevel make_witnesses(const Pyramid& keyframe, const cv::Mat& keep_half,
+                                           const CameraModel& camera, const Site& site,
+                                           const DirectParameters& parameters);
+
 /// Pixels and information of the 8x8 patch whose first pixel is `corner`, one pixel inside `image`
 /// at least. False, when it has too little texture in one direction.
 [[nodiscard]] bool cut_patch(const cv::Mat& image, cv::Point corner, double texture_min,

@@ -51,6 +51,7 @@ struct DirectTracker::Impl {
   struct Keyframe {
     Site site;
     DirectTemplate patches;
+    TemplateLevel witnesses;
     DirectAligner aligner;
     FrameChain chain;
     FeatureCheck features;
@@ -176,6 +177,12 @@ bool DirectTracker::Impl::accept(const Alignment& a, MotionEstimate& out) {
     degrade(TrackingReason::inconsistent_motion);
   else if (a.quality.spread < parameters.health.spread_good)
     degrade(TrackingReason::inliers_bunched);
+  // The strongest texture may be fixed to the microscope: the weak one must have moved with it.
+  constexpr int kWitnessesMin = 12;
+  const Testimony testimony = key->aligner.ask(key->witnesses, pyramid, a.T_camera_site);
+  if (testimony.visible >= kWitnessesMin &&
+      testimony.agreeing < parameters.direct.witness_share_good * testimony.visible)
+    degrade(TrackingReason::inconsistent_motion);
   return true;
 }
 
@@ -391,6 +398,7 @@ TrackingReason DirectTracker::set_keyframe(const cv::Mat& image, const SiteGeome
   }
   Impl::Keyframe key{site,
                      make_template(pyramid, keep_half, s.camera, site, s.parameters.direct),
+                     make_witnesses(pyramid, keep_half, s.camera, site, s.parameters.direct),
                      DirectAligner(s.camera, s.parameters, freedom, site.p_pivot_mm()),
                      FrameChain(s.camera, s.parameters, freedom, site.p_pivot_mm()),
                      std::move(features),

@@ -73,7 +73,7 @@ FeatureMotion FeatureCheck::find(const cv::Mat& image,
     out.reason = TrackingReason::too_few_features;
     return out;
   }
-  const FeatureMotion everywhere =
+  FeatureMotion everywhere =
       fit(match_all(keyframe_.features, current_.features, parameters_.match));
   const bool is_starved = everywhere.reason == TrackingReason::too_few_matches ||
                           everywhere.reason == TrackingReason::too_few_inliers;

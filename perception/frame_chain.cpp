@@ -13,7 +13,7 @@ FrameChain::FrameChain(const CameraModel& camera, const TrackerParameters& param
     : projector_(camera),
       parameters_(parameters.direct),
       aligner_(camera, parameters, freedom, p_pivot_site_mm) {
-  const auto n = static_cast<std::size_t>(2 * parameters_.chain_patches);
+  const auto n = 2 * static_cast<std::size_t>(parameters_.chain_patches);
   aligner_.reserve(n);
   patches_[0].pixels.reserve(n);
   patches_[0].geometry.reserve(n);

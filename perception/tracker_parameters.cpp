@@ -63,6 +63,8 @@ std::optional<std::string> invalid_parameter(const TrackerParameters& p) {
       {"direct.inliers_good", double(p.direct.inliers_good), 12, 20000, "patches"},
       {"direct.share_min", p.direct.share_min, 0.05, 1, "of the visible patches"},
       {"direct.share_good", p.direct.share_good, 0.05, 1, "of the visible patches"},
+      {"direct.witnesses", double(p.direct.witnesses), 1, 20000, "patches"},
+      {"direct.witness_share_good", p.direct.witness_share_good, 0.05, 1, "of the witnesses"},
       {"direct.chain_patches", double(p.direct.chain_patches), 16, 2000, "patches"},
       {"check.every_frames", double(p.check.every_frames), 0, 1e6, "frames"},
       {"check.limit_um", p.check.limit_um, 1, 1e5, "um"},
