@@ -8,9 +8,8 @@
 namespace holdfast::rt {
 
 ControlCycle::ControlCycle(const ControlParameters& parameters,
-                           const safety::RegistrationInput& registration,
-                           FrameArrivals& arrivals, Mailbox<StampedEstimate>& estimates,
-                           ControlInbox& inbox)
+                           const safety::RegistrationInput& registration, FrameArrivals& arrivals,
+                           Mailbox<StampedEstimate>& estimates, ControlInbox& inbox)
     : parameters_(parameters), arrivals_(arrivals), estimates_(estimates), inbox_(inbox) {
   readings_.registration = registration;
 }

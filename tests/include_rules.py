@@ -15,7 +15,7 @@ RULES = {
     "safety": (["safety"], [EIGEN]),
     "perception": (["perception"], [EIGEN, OPENCV]),
     "registration": (["registration", "rt/core"],
-                     [EIGEN, OPENCV, r"nlohmann/", r"openssl/", r"fmt/", r"ceres/", r"nanoflann", r"boost/math/"]),
+                     [EIGEN, OPENCV, r"nlohmann/", r"openssl/", r"fmt/", r"ceres/", r"nanoflann", r"nlopt\.hpp$", r"boost/math/"]),
     "registration/ct": (["registration", "rt/core"], [EIGEN, OPENCV, r"fmt/", r"gdcm", r"vtk"]),
     "bridge/client": (["bridge", "safety", "rt/core"], [r"dds/", r"holdfast\.h$"]),
     "bridge/client/example": ([], [r"holdfast/client\.hpp$"]),
