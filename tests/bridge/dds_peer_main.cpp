@@ -27,7 +27,7 @@ void run(const std::string& role, unsigned domain, const std::string& keys) {
   const Participant participant({.domain = domain, .configuration = {}, .security = keys});
   std::optional<DaemonClaim> claim;
   if (role == "claim") claim.emplace(participant);
-  ScriptedDaemon daemon(participant);
+  ScriptedDaemon daemon(participant, keys.empty());
   std::printf("ready\n");
   std::fflush(stdout);
   timespec t{};

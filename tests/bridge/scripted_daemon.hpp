@@ -4,6 +4,7 @@
 #pragma once
 
 #include <algorithm>
+#include <optional>
 
 #include "bridge/dds/endpoint.hpp"
 
@@ -18,18 +19,21 @@ class ScriptedDaemon {
   static constexpr std::chrono::milliseconds kPoseValidity{15};
   static constexpr std::chrono::milliseconds kStopValidity{20};
 
-  explicit ScriptedDaemon(const Participant& participant)
-      : poses_(participant, PoseForger::key()), stops_(participant), guards_(participant) {}
+  /// Secured, one process cannot play both: `has_guard` false leaves the guard out.
+  explicit ScriptedDaemon(const Participant& participant, bool has_guard = true)
+      : poses_(participant, PoseForger::key()), stops_(participant) {
+    if (has_guard) guards_.emplace(participant);
+  }
 
   [[nodiscard]] bool has_robot() const {
     return poses_.status().matched > 0 && stops_.status().matched > 0 &&
-           guards_.status().matched > 0;
+           (!guards_ || guards_->status().matched > 0);
   }
 
   /// One good message on each stream, as of now.
   void permit() {
     (void)stops_.write(permitted());
-    (void)guards_.write(vouched());
+    if (guards_) (void)guards_->write(vouched());
     (void)poses_.write(pose());
   }
   void stop() { (void)stops_.write(stopped()); }
@@ -77,7 +81,7 @@ class ScriptedDaemon {
  private:
   Writer<msg::CompensatedPose> poses_;
   Writer<msg::MotionStop> stops_;
-  Writer<msg::GuardPermission> guards_;
+  std::optional<Writer<msg::GuardPermission>> guards_;
   std::uint32_t source_ = random_source();
   std::uint32_t guard_source_ = random_source();
   std::uint32_t guard_counter_ = 0;

@@ -61,6 +61,7 @@ class Security : public testing::Test {
     client::Parameters parameters;
     parameters.domain = test_domain();
     parameters.security = keys_of("robot", name);
+    parameters.guard = client::Guard::absent;  // it would be a third process with keys of its own
     return client::Client(parameters);
   }
   static bool is_permitted_soon(client::Client& client) {
@@ -105,6 +106,7 @@ TEST_F(Security, NobodyOfAnotherAuthorityIsHeard) {
 TEST_F(Security, WithoutSecurityTheIntruderWouldBeHeard) {
   client::Parameters parameters;
   parameters.domain = test_domain();
+  parameters.guard = client::Guard::absent;
   client::Client client(parameters);
   const Peer intruder("flood", test_domain());
   const Peer daemon("publish", test_domain());
@@ -203,6 +205,7 @@ TEST(SecurityRights, AreTheLeastForEachRole) {
   };
   EXPECT_EQ(publishers_of("holdfast/compensated_pose"), "daemon ");
   EXPECT_EQ(publishers_of("holdfast/motion_stop"), "daemon ");
+  EXPECT_EQ(publishers_of("holdfast/guard_permission"), "guard ");
   EXPECT_EQ(publishers_of("holdfast/operator_command"), "operator ");
   EXPECT_EQ(publishers_of("holdfast/robot_status"), "robot ");
   EXPECT_TRUE(dds::find_role("observer")->publishes.empty());
