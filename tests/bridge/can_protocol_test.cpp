@@ -76,7 +76,7 @@ TEST(MicroscopeProtocol, WhatItAcceptsOfRandomFramesIsInRange) {
     frame.size = 8;
     for (std::size_t byte = 0; byte < 8; ++byte)
       frame.data[byte] = static_cast<std::uint8_t>(random());
-    frame.data[6] &= i % 2 == 0 ? 0x1f : 0;
+    frame.data[6] = static_cast<std::uint8_t>(frame.data[6] & (i % 2 == 0 ? 0x1f : 0));
     const auto state = decode_state(frame);
     const auto confirm = decode_confirm(frame);
     accepted += state || confirm ? 1 : 0;
