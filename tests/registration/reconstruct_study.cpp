@@ -25,9 +25,9 @@
 #include "tests/sim/or/ideal_calibration.hpp"
 #include "tests/sim/or/room.hpp"
 
+namespace holdfast {
 namespace {
 
-using namespace holdfast;
 namespace fs = std::filesystem;
 
 struct Scene {
@@ -287,9 +287,7 @@ void study_slips(int poses, bool is_lattice) {
       is_lattice ? "lattice" : "aperiodic", poses, slipped, undetected, refused, refused_for_slip);
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int study(int argc, char** argv) {
   if (argc < 2 || argv[1][0] == '-') {
     std::fputs(
         "usage: holdfast-study-reconstruct CACHE_FOLDER [only names that contain this]\n"
@@ -311,4 +309,11 @@ int main(int argc, char** argv) {
     if (argc <= 3) judge(pair, registration::MatchMethod::opencv);
   }
   return 0;
+}
+
+}  // namespace
+}  // namespace holdfast
+
+int main(int argc, char** argv) {
+  return holdfast::study(argc, argv);
 }
