@@ -71,7 +71,7 @@ Clocks World::clocks() const {
 }
 
 /// 2 mm/s to and fro, and what the disturbance adds.
-Eigen::Isometry3d World::true_T_camera_site() const {
+Eigen::Isometry3d World::T_camera_site_true() const {
   const double s = std::chrono::duration<double>(now_).count();
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
   T.translation().x() = 2 * std::sin(s) + extra_x_mm_;
@@ -94,7 +94,7 @@ void World::move_site() {
 perception::MotionEstimate World::estimate() {
   const Disturbance& d = disturbance;
   perception::MotionEstimate motion = rt::testing::healthy_estimate(now_ + d.exposure_error);
-  motion.T_camera_site = true_T_camera_site();
+  motion.T_camera_site = T_camera_site_true();
   std::normal_distribution<double> noise(0, 0.003);
   for (int axis = 0; axis < 3; ++axis) motion.T_camera_site.translation()[axis] += noise(random_);
   motion.T_camera_site.translation().y() += d.estimate_offset_mm + estimate_slide_mm_;
@@ -379,7 +379,7 @@ Observation World::run_robot() {
   T_robot_ct.linear() = Eigen::Quaterniond(q[3], q[0], q[1], q[2]).toRotationMatrix();
   T_robot_ct.translation() =
       Eigen::Vector3d(pose->translation_mm[0], pose->translation_mm[1], pose->translation_mm[2]);
-  Eigen::Isometry3d T_true = T_robot_camera_ * true_T_camera_site() * registration_.T_site_ct;
+  Eigen::Isometry3d T_true = T_robot_camera_ * T_camera_site_true() * registration_.T_site_ct;
   // With other optics or another patient's registration every pose is wrong.
   if (disturbance.is_zoomed || disturbance.is_registration_replaced ||
       disturbance.is_registration_withdrawn)

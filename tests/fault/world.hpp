@@ -118,7 +118,7 @@ class World {
     std::optional<msg::MotionStop> stop;
     std::optional<msg::CompensatedPose> pose;
   };
-  [[nodiscard]] Eigen::Isometry3d true_T_camera_site() const;
+  [[nodiscard]] Eigen::Isometry3d T_camera_site_true() const;
   [[nodiscard]] bridge::dds::Clocks clocks() const;
   [[nodiscard]] bool happens(double probability);
   void move_site();
