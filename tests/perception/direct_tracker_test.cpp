@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Direct tracking against known motions of a real photograph: error, covariance, recall, and depth of
-// another frame.
+// Direct tracking against known motions of a real photograph: error, covariance, recall, and depth
+// of another frame.
 #include "perception/direct_tracker.hpp"
 
 #include <chrono>
