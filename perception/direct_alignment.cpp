@@ -8,13 +8,15 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
+#include "perception/patch_sighting.hpp"
+
 namespace holdfast::perception {
 namespace {
 
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix26d = Eigen::Matrix<double, 2, 6>;
 
-constexpr int kCells = 8;               // per side of the image
+constexpr auto kCells = static_cast<std::size_t>(kSightingCells * kSightingCells);
 constexpr double kCut2 = 25;            // Tukey's cut, squared, in units of the scale
 constexpr double kMedianOfTwo = 1.386;  // median of chi^2 with two degrees of freedom
 constexpr double kScale2Min = 0.3;
@@ -25,27 +27,14 @@ constexpr int kPatchesMin = 8;
 constexpr double kZnccMinRough = 0.2;  // on a smaller level's first step
 constexpr double kNoise2Start = 8;     // grey levels^2
 
-/// One patch at the present pose; displacements in pixels of the template.
-struct Row {
-  const PatchGeometry* geometry;
-  Matrix26d jacobian;        // of the displacement by the pose step
-  Eigen::Matrix2d to_patch;  // from pixels of the image to pixels of the template
-  Eigen::Matrix2d weight;    // inverse covariance of the displacement
-  Eigen::Vector2d displacement;
-  Eigen::Vector2d by_depth;        // displacement for one sigma of depth
+/// A sighting with its say in the normal equations.
+struct Row : PatchSighting {
+  Eigen::Matrix2d weight;          // inverse covariance of the displacement
   Eigen::Vector2d residual;        // displacement left after the step
   Vector6d gradient;               // -J^T W d
   std::array<double, 21> hessian;  // J^T W J, upper triangle by columns
-  double zncc, trust, robust;
-  float brightness, contrast;
-  int cell;
+  double trust, robust;
 };
-
-Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 /// Exp(r)(T p - T pivot) + T pivot + t: the parametrisation of MotionEstimate::covariance.
 Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Eigen::Vector3d& pivot_site,
@@ -78,14 +67,13 @@ void fix_tilt(Matrix6d& H) {
 }  // namespace
 
 struct DirectAligner::Impl {
-  Projector projector;
+  PatchObserver observer;
   DirectParameters parameters;
   UncertaintyParameters uncertainty;
   Freedom freedom;
   Eigen::Vector3d p_pivot_site_mm;
   double f_px;
   int width_px, height_px;
-  Simd simd = best_simd();
   double noise2 = kNoise2Start;  // follows the images
   std::vector<Row> rows;
   std::vector<double> scratch;
@@ -93,7 +81,9 @@ struct DirectAligner::Impl {
 
   Impl(const CameraModel& camera, const TrackerParameters& p, Freedom f,
        const Eigen::Vector3d& pivot)
-      : projector(camera),
+      : observer(
+            camera, f, pivot,
+            f == Freedom::planar ? p.uncertainty.relief_sigma_mm : p.uncertainty.depth_sigma_mm),
         parameters(p.direct),
         uncertainty(p.uncertainty),
         freedom(f),
@@ -102,16 +92,12 @@ struct DirectAligner::Impl {
         width_px(camera.width_px),
         height_px(camera.height_px) {}
 
-  [[nodiscard]] double depth_sigma_mm() const {
-    return freedom == Freedom::planar ? uncertainty.relief_sigma_mm : uncertainty.depth_sigma_mm;
-  }
-  bool look(const PatchPixels& pixels, const PatchGeometry& geometry, const cv::Mat& image,
-            int level, const Eigen::Isometry3d& T, Interpolation interpolation, Row& row) const;
   void linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
                  const Eigen::Isometry3d& T, Interpolation interpolation, double zncc_min);
   bool solve(Vector6d& step);
   [[nodiscard]] bool invert(const Matrix6d& H);
   double scale2();
+  double median_of_scratch();
   [[nodiscard]] double step_px(const Vector6d& step) const;
   bool descend(const TemplateLevel& patches, const cv::Mat& image, int level,
                Interpolation interpolation, int iterations, double settled_px,
@@ -121,53 +107,6 @@ struct DirectAligner::Impl {
   Matrix6d covariance() const;
 };
 
-/// Where the patch is seen and how it differs; false, when it is not wholly in the image.
-bool DirectAligner::Impl::look(const PatchPixels& pixels, const PatchGeometry& geometry,
-                               const cv::Mat& image, int level, const Eigen::Isometry3d& T,
-                               Interpolation interpolation, Row& row) const {
-  const Eigen::Vector3d p = T * geometry.p_site_mm;
-  if (!(p.z() > 1e-3)) return false;
-  const double to_level = std::ldexp(1.0, -level);
-  const Projection seen = projector.project(p);
-  const Eigen::Matrix<double, 2, 3> J = to_level * seen.d_pixel_d_point;
-  const Eigen::Matrix2d A = J * (T.linear() * geometry.tangents_mm);
-  const double determinant = A.determinant();
-  if (!(determinant > 0.2 && determinant < 5)) return false;
-  PatchPlace place;
-  place.u_px = (seen.pixel.x() + 0.5) * to_level - 0.5;
-  place.v_px = (seen.pixel.y() + 0.5) * to_level - 0.5;
-  place.a00 = static_cast<float>(A(0, 0));
-  place.a01 = static_cast<float>(A(0, 1));
-  place.a10 = static_cast<float>(A(1, 0));
-  place.a11 = static_cast<float>(A(1, 1));
-  if (!is_inside(place, image.cols, image.rows)) return false;
-
-  const PatchSums sums = patch_sums(image, place, pixels, interpolation, simd);
-  const float squares = std::max(sums.ii - sums.i * sums.i / kPatchCount, 1e-3F);
-  row.zncc = static_cast<double>(sums.vi / std::sqrt(squares * geometry.squares));
-  const float gain = std::sqrt(geometry.squares / squares);
-  row.brightness = sums.i / kPatchCount / std::max(geometry.mean, 1.0F);
-  row.contrast = 1 / gain;
-  row.displacement =
-      geometry.unit_covariance_px2 *
-      Eigen::Vector2d(static_cast<double>(gain * sums.gxi), static_cast<double>(gain * sums.gyi));
-  const Eigen::Vector3d lever = p - T * p_pivot_site_mm;
-  row.geometry = &geometry;
-  row.to_patch << A(1, 1), -A(0, 1), -A(1, 0), A(0, 0);
-  row.to_patch /= determinant;
-  const Eigen::Matrix<double, 2, 3> by_point = row.to_patch * J;
-  row.jacobian.leftCols<3>() = by_point;
-  row.jacobian.rightCols<3>().noalias() = -by_point * cross_matrix(lever);
-  if (freedom == Freedom::planar) row.jacobian.middleCols<2>(3).setZero();
-  row.by_depth =
-      depth_sigma_mm() / geometry.p_site_mm.z() * (by_point * (T.linear() * geometry.p_site_mm));
-  const int column =
-      std::clamp(static_cast<int>(seen.pixel.x() * kCells / width_px), 0, kCells - 1);
-  const int line = std::clamp(static_cast<int>(seen.pixel.y() * kCells / height_px), 0, kCells - 1);
-  row.cell = line * kCells + column;
-  return true;
-}
-
 void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
                                     const Eigen::Isometry3d& T, Interpolation interpolation,
                                     double zncc_min) {
@@ -175,7 +114,7 @@ void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat&
   const double shared2 = parameters.shared_error_px * parameters.shared_error_px;
   for (std::size_t k = 0; k < patches.size(); ++k) {
     Row row;
-    if (!look(patches.pixels[k], patches.geometry[k], image, level, T, interpolation, row))
+    if (!observer.look(patches.pixels[k], patches.geometry[k], image, level, T, interpolation, row))
       continue;
     row.trust = std::clamp((row.zncc - zncc_min) / kZnccRamp, 0.0, 1.0);
     if (!(row.displacement.squaredNorm() < kReachPx * kReachPx)) row.trust = 0;
@@ -190,15 +129,20 @@ void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat&
   }
 }
 
+/// Of at least one value; reorders them.
+double DirectAligner::Impl::median_of_scratch() {
+  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
+  std::nth_element(scratch.begin(), middle, scratch.end());
+  return *middle;
+}
+
 /// Square of the robust scale of the residuals, in units of what was expected.
 double DirectAligner::Impl::scale2() {
   scratch.clear();
   for (const Row& row : rows)
     if (row.trust > 0) scratch.push_back(row.residual.dot(row.weight * row.residual));
   if (scratch.size() < static_cast<std::size_t>(kPatchesMin)) return kScale2Min;
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
-  return std::max(*middle / kMedianOfTwo, kScale2Min);
+  return std::max(median_of_scratch() / kMedianOfTwo, kScale2Min);
 }
 
 bool DirectAligner::Impl::invert(const Matrix6d& H) {
@@ -273,21 +217,17 @@ double DirectAligner::Impl::middle_of_inliers(float Row::*value) {
   scratch.clear();
   for (const Row& row : rows)
     if (row.robust > 0) scratch.push_back(static_cast<double>(row.*value));
-  if (scratch.empty()) return 1;
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
-  return *middle;
+  return scratch.empty() ? 1 : median_of_scratch();
 }
 
 AlignmentQuality DirectAligner::Impl::quality(int visible) {
   AlignmentQuality q;
   q.visible = visible;
-  std::bitset<static_cast<std::size_t>(kCells * kCells)> cells;
+  std::bitset<kCells> cells;
   double squares = 0;
   for (const Row& row : rows) {
     if (!(row.robust > 0)) continue;
     ++q.inliers;
-    q.weight += row.robust;
     q.zncc += row.zncc;
     squares += row.residual.squaredNorm();
     cells.set(static_cast<std::size_t>(row.cell));
@@ -295,7 +235,7 @@ AlignmentQuality DirectAligner::Impl::quality(int visible) {
   if (q.inliers == 0) return q;
   q.zncc /= q.inliers;
   q.residual_px = std::sqrt(squares / q.inliers);
-  q.spread = static_cast<double>(cells.count()) / (kCells * kCells);
+  q.spread = static_cast<double>(cells.count()) / kCells;
   q.brightness = middle_of_inliers(&Row::brightness);
   q.contrast = middle_of_inliers(&Row::contrast);
   scratch.clear();
@@ -303,9 +243,7 @@ AlignmentQuality DirectAligner::Impl::quality(int visible) {
     if (row.robust > 0)
       scratch.push_back(static_cast<double>(row.geometry->squares) * (1 - row.zncc * row.zncc) /
                         kPatchFreedoms);
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
-  noise2 = std::clamp(*middle, 0.1, 400.0);
+  noise2 = std::clamp(median_of_scratch(), 0.1, 400.0);
   q.noise = std::sqrt(noise2);
   return q;
 }
@@ -316,7 +254,7 @@ AlignmentQuality DirectAligner::Impl::quality(int visible) {
 Matrix6d DirectAligner::Impl::covariance() const {
   const double shared2 = parameters.shared_error_px * parameters.shared_error_px;
   Matrix6d spread = Matrix6d::Zero();
-  std::array<Vector6d, static_cast<std::size_t>(kCells * kCells)> by_cell;
+  std::array<Vector6d, kCells> by_cell;
   by_cell.fill(Vector6d::Zero());
   Vector6d by_depth = Vector6d::Zero();
   Eigen::Matrix<double, 6, 2> common = Eigen::Matrix<double, 6, 2>::Zero();
@@ -345,10 +283,6 @@ DirectAligner::DirectAligner(const CameraModel& camera, const TrackerParameters&
 DirectAligner::~DirectAligner() = default;
 DirectAligner::DirectAligner(DirectAligner&&) noexcept = default;
 DirectAligner& DirectAligner::operator=(DirectAligner&&) noexcept = default;
-
-void DirectAligner::reset() {
-  impl_->noise2 = kNoise2Start;
-}
 
 void DirectAligner::reserve(std::size_t patches) {
   impl_->rows.reserve(patches);
@@ -387,11 +321,11 @@ Testimony DirectAligner::ask(const TemplateLevel& witnesses, const Pyramid& imag
   constexpr double kToleratedPx = 0.5, kSigmas2 = 9, kLikenessMin = 0.5;
   const Impl& s = *impl_;
   Testimony out;
-  Row row;
+  PatchSighting row;
   for (std::size_t k = 0; k < witnesses.size(); ++k) {
     const PatchGeometry& geometry = witnesses.geometry[k];
-    if (!s.look(witnesses.pixels[k], geometry, image.levels[0], 0, T_camera_site,
-                Interpolation::bilinear, row))
+    if (!s.observer.look(witnesses.pixels[k], geometry, image.levels[0], 0, T_camera_site,
+                         Interpolation::bilinear, row))
       continue;
     ++out.visible;
     // Weak texture is less alike under noise.
@@ -407,15 +341,15 @@ Testimony DirectAligner::ask(const TemplateLevel& witnesses, const Pyramid& imag
 }
 
 double DirectAligner::similarity(const DirectTemplate& patches, const Pyramid& image, int level,
-                                 const Eigen::Isometry3d& T_camera_site) {
+                                 const Eigen::Isometry3d& T_camera_site) const {
   const Impl& s = *impl_;
   const auto l = static_cast<std::size_t>(level);
   double sum = 0;
   int visible = 0;
-  Row row;
+  PatchSighting row;
   for (std::size_t k = 0; k < patches[l].size(); ++k) {
-    if (!s.look(patches[l].pixels[k], patches[l].geometry[k], image.levels[l], level, T_camera_site,
-                Interpolation::bilinear, row))
+    if (!s.observer.look(patches[l].pixels[k], patches[l].geometry[k], image.levels[l], level,
+                         T_camera_site, Interpolation::bilinear, row))
       continue;
     ++visible;
     sum += row.zncc;

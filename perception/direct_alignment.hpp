@@ -17,7 +17,6 @@
 #include "perception/direct_template.hpp"
 #include "perception/motion_estimate.hpp"
 #include "perception/pose_fit.hpp"
-#include "perception/projection.hpp"
 #include "perception/pyramid.hpp"
 #include "perception/tracker_parameters.hpp"
 
@@ -27,7 +26,6 @@ namespace holdfast::perception {
 struct AlignmentQuality {
   int visible = 0;         ///< patches inside the image
   int inliers = 0;         ///< of them, those with a say
-  double weight = 0;       ///< sum of the inliers' robust weights, 0..inliers
   double zncc = 0;         ///< mean of the inliers, -1..1
   double spread = 0;       ///< fraction of the 8x8 image cells with an inlier, 0..1
   double residual_px = 0;  ///< rms of the inliers' own displacements, px of the full image
@@ -57,8 +55,6 @@ class DirectAligner {
   DirectAligner(DirectAligner&&) noexcept;
   DirectAligner& operator=(DirectAligner&&) noexcept;
 
-  /// Forgets what the noise of the last images was.
-  void reset();
   /// Makes room for this many patches a level: no call allocates after it.
   void reserve(std::size_t patches);
 
@@ -71,7 +67,7 @@ class DirectAligner {
   /// Mean ZNCC of the level's visible patches where the pose puts them, none left out; -1 when
   /// fewer than 8 are visible.
   [[nodiscard]] double similarity(const DirectTemplate& patches, const Pyramid& image, int level,
-                                  const Eigen::Isometry3d& T_camera_site);
+                                  const Eigen::Isometry3d& T_camera_site) const;
 
  private:
   struct Impl;

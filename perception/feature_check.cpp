@@ -3,6 +3,8 @@
 
 #include <algorithm>
 
+#include "perception/keyframe_view.hpp"
+
 namespace holdfast::perception {
 
 FeatureCheck::FeatureCheck(const CameraModel& camera, const TrackerParameters& parameters)
@@ -12,29 +14,11 @@ FeatureCheck::FeatureCheck(const CameraModel& camera, const TrackerParameters& p
 
 TrackingReason FeatureCheck::set_keyframe(const cv::Mat& image, const Site& site,
                                           const cv::Mat& mask) {
-  constexpr int kSettling = 12;
-  View view;
-  make_grey_and_mask(image, parameters_.mask, view.images);
-  detector_.reset();
-  for (int i = 0; i < kSettling; ++i)
-    detector_.detect(view.images.grey, view.images.half, view.images.keep_half, view.features);
-  const std::vector<cv::Point2d> pixels(view.features.pixels.begin(), view.features.pixels.end());
-  const auto rays = to_normalised(camera_, pixels);
-  Features kept;
-  std::vector<Eigen::Vector3d> p_site_mm;
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const auto point = site.lift({rays[i].x, rays[i].y});
-    if (!point || (!mask.empty() && mask.at<uchar>(cv::Point(pixels[i])) == 0)) continue;
-    kept.pixels.push_back(view.features.pixels[i]);
-    kept.descriptors.push_back(view.features.descriptors[i]);
-    kept.strengths.push_back(view.features.strengths[i]);
-    p_site_mm.push_back(*point);
-  }
-  if (kept.size() < parameters_.health.features_min) return TrackingReason::too_few_features;
+  auto seen = see_keyframe(image, site, mask, camera_, parameters_, detector_);
+  if (!seen) return TrackingReason::too_few_features;
   site_ = site;
-  keyframe_ = std::move(view);
-  keyframe_.features = std::move(kept);
-  p_site_mm_ = std::move(p_site_mm);
+  keyframe_ = std::move(seen->view);
+  p_site_mm_ = std::move(seen->p_site_mm);
   return TrackingReason::none;
 }
 

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 
 #include "perception/direct_alignment.hpp"
+#include "perception/projection.hpp"
 
 namespace holdfast::perception {
 

@@ -5,11 +5,12 @@
 #include <cmath>
 #include <limits>
 #include <optional>
-#include <stdexcept>
 
+#include "perception/keyframe_view.hpp"
 #include "perception/motion_fit.hpp"
 #include "perception/stage_timer.hpp"
 #include "perception/tracker_parameters.hpp"
+#include "perception/tracker_rules.hpp"
 
 namespace holdfast::perception {
 namespace {
@@ -18,23 +19,6 @@ using Clock = std::chrono::steady_clock;
 
 Eigen::Vector3d unknown_point() {
   return Eigen::Vector3d::Constant(std::numeric_limits<double>::quiet_NaN());
-}
-
-Eigen::Vector2d project(const Eigen::Vector3d& p) {
-  return p.head<2>() / p.z();
-}
-
-void keep_where(Features& features, const std::vector<bool>& keep) {
-  std::size_t n = 0;
-  for (std::size_t i = 0; i < keep.size(); ++i) {
-    if (!keep[i]) continue;
-    features.pixels[n] = features.pixels[i];
-    features.descriptors[n] = features.descriptors[i];
-    features.strengths[n++] = features.strengths[i];
-  }
-  features.pixels.resize(n);
-  features.descriptors.resize(n);
-  features.strengths.resize(n);
 }
 
 }  // namespace
@@ -64,7 +48,6 @@ struct Tracker::Impl {
     camera.distortion = c.distortion.clone();
   }
 
-  [[nodiscard]] TrackingReason unusable(const cv::Mat& image) const;
   [[nodiscard]] Eigen::Isometry3d predicted() const;
   [[nodiscard]] MotionResult anchor(bool use_prediction, MotionEstimate& out) const;
   void judge(const MotionFit& fit, MotionEstimate& out) const;
@@ -75,13 +58,6 @@ struct Tracker::Impl {
   void finish(const MotionEstimate& out);
   void forget_motion();
 };
-
-TrackingReason Tracker::Impl::unusable(const cv::Mat& image) const {
-  if (image.cols != camera.width_px || image.rows != camera.height_px || image.dims != 2)
-    return TrackingReason::wrong_image_size;
-  if (image.type() != CV_8UC1 && image.type() != CV_8UC3) return TrackingReason::wrong_image_type;
-  return TrackingReason::none;
-}
 
 void Tracker::Impl::forget_motion() {
   has_previous = false;
@@ -150,17 +126,7 @@ void Tracker::Impl::judge(const MotionFit& fit, MotionEstimate& out) const {
 }
 
 void Tracker::Impl::fill(const MotionFit& fit, MotionEstimate& out) const {
-  const Eigen::Isometry3d& T = fit.pose.T_camera_site;
-  out.T_camera_site = T;
-  out.covariance = fit.covariance;
-  out.p_pivot_site_mm = site.p_pivot_mm();
-  const Eigen::Vector3d p = site.p_centre_mm(), q = T * p;
-  const Eigen::Vector2d moved_um = 1000 * p.z() * (project(q) - project(p));
-  out.dx_um = moved_um.x();
-  out.dy_um = moved_um.y();
-  const Eigen::Matrix3d R = T.linear();
-  out.rotation_rad = std::atan2(R(1, 0) - R(0, 1), R(0, 0) + R(1, 1));
-  out.scale = p.z() / q.z();
+  set_pose(fit.pose.T_camera_site, fit.covariance, site, out);
   out.inliers = static_cast<int>(fit.pose.inliers.size());
   out.inlier_spread = fit.spread;
   out.reprojection_rms_px = fit.pose.rms_px;
@@ -225,9 +191,8 @@ void Tracker::Impl::check_drift(const std::optional<Eigen::Isometry3d>& T_chaine
   T_chain = T_chained;
   ++chain_length;
   if (out.status == TrackingStatus::lost) return;
-  const Eigen::Vector3d p_chain = *T_chain * site.p_pivot_mm();
   const Eigen::Vector3d p_anchored = out.T_camera_site * site.p_pivot_mm();
-  const double drift_um = 1000 * p_anchored.z() * (project(p_chain) - project(p_anchored)).norm();
+  const double drift_um = displacement_um(out.T_camera_site, *T_chain, site.p_pivot_mm());
   out.has_drift = true;
   out.drift_um = drift_um;
   const double limit_um = parameters.health.drift_good_um;
@@ -288,9 +253,7 @@ void Tracker::Impl::finish(const MotionEstimate& out) {
 
 Tracker::Tracker(const CameraModel& camera, const TrackerParameters& parameters)
     : impl_(std::make_unique<Impl>(camera, parameters)) {
-  if (const auto what = invalid_camera(camera)) throw std::invalid_argument("camera: " + *what);
-  if (const auto what = invalid_parameter(parameters))
-    throw std::invalid_argument("tracker parameter " + *what);
+  require_valid(camera, parameters);
 }
 Tracker::~Tracker() = default;
 Tracker::Tracker(Tracker&&) noexcept = default;
@@ -299,35 +262,16 @@ Tracker& Tracker::operator=(Tracker&&) noexcept = default;
 TrackingReason Tracker::set_keyframe(const cv::Mat& image, const SiteGeometry& geometry,
                                      const cv::Mat& mask) {
   Impl& s = *impl_;
-  if (const TrackingReason reason = s.unusable(image); reason != TrackingReason::none)
+  if (const auto reason = unusable_keyframe(s.camera, image, geometry, mask);
+      reason != TrackingReason::none)
     return reason;
-  if (!mask.empty() && mask.size() != image.size()) return TrackingReason::wrong_image_size;
-  if (!mask.empty() && mask.type() != CV_8UC1) return TrackingReason::wrong_image_type;
-  if (invalid_geometry(s.camera, geometry)) return TrackingReason::invalid_geometry;
 
   const Site site(s.camera, geometry);
-  View view;
-  make_grey_and_mask(image, s.parameters.mask, view.images);
-  constexpr int kSettling = 12;
-  s.detector.reset();
-  for (int i = 0; i < kSettling; ++i)
-    s.detector.detect(view.images.grey, view.images.half, view.images.keep_half, view.features);
-  const std::vector<cv::Point2d> pixels(view.features.pixels.begin(), view.features.pixels.end());
-  const auto rays = to_normalised(s.camera, pixels);
-  std::vector<bool> keep(pixels.size());
-  std::vector<Eigen::Vector3d> p_site_mm;
-  for (std::size_t i = 0; i < pixels.size(); ++i) {
-    const auto point = site.lift({rays[i].x, rays[i].y});
-    keep[i] = point.has_value() && (mask.empty() || mask.at<uchar>(cv::Point(pixels[i])) != 0);
-    if (keep[i]) p_site_mm.push_back(*point);
-  }
-  keep_where(view.features, keep);
-  if (view.features.size() < s.parameters.health.features_min)
-    return TrackingReason::too_few_features;
-
+  auto seen = see_keyframe(image, site, mask, s.camera, s.parameters, s.detector);
+  if (!seen) return TrackingReason::too_few_features;
   s.site = site;
-  s.keyframe = std::move(view);
-  s.p_keyframe_mm = std::move(p_site_mm);
+  s.keyframe = std::move(seen->view);
+  s.p_keyframe_mm = std::move(seen->p_site_mm);
   s.has_keyframe = true;
   s.was_lost = false;
   s.forget_motion();
@@ -339,7 +283,7 @@ MotionEstimate Tracker::track(const cv::Mat& image, std::chrono::nanoseconds t_e
   MotionEstimate out;
   out.t_exposure = t_exposure;
   const Clock::time_point start = Clock::now();
-  if (s.has_keyframe) out.reason = s.unusable(image);
+  if (s.has_keyframe) out.reason = unusable_image(s.camera, image);
   if (out.reason == TrackingReason::none) {
     {
       const StageTimer timer(out.times.mask);
@@ -351,15 +295,7 @@ MotionEstimate Tracker::track(const cv::Mat& image, std::chrono::nanoseconds t_e
     s.forget_motion();
     s.was_lost = s.has_keyframe;
   }
-  if (out.status == TrackingStatus::lost) {  // no number of a lost frame may be mistaken for a pose
-    const MotionEstimate evidence = out;
-    out = MotionEstimate{};
-    out.reason = evidence.reason;
-    out.t_exposure = t_exposure;
-    out.features = evidence.features;
-    out.matches = evidence.matches;
-    out.times = evidence.times;
-  }
+  if (out.status == TrackingStatus::lost) out = without_pose(out);
   out.times.total = Clock::now() - start;
   return out;
 }
