@@ -113,6 +113,7 @@ class World {
   Disturbance disturbance;
 
  private:
+  static constexpr std::uint32_t kDaemon = 7, kGuard = 8, kRobot = 9, kStranger = 66;  ///< sources
   struct Envelope {
     nanoseconds t_arrival{};
     std::optional<msg::MotionStop> stop;

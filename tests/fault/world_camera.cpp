@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: Apache-2.0
+// The site, the camera above it and the tracker: what the control side is told, and when.
+#include <cmath>
+
+#include "tests/fault/world.hpp"
+#include "tests/rt/virtual_inputs.hpp"
+
+namespace holdfast::fault {
+namespace {
+
+using safety::Reason;
+
+constexpr nanoseconds kFramePeriod = microseconds(33'333);
+
+}  // namespace
+
+/// 2 mm/s to and fro, and what the disturbance adds.
+Eigen::Isometry3d World::T_camera_site_true() const {
+  const double s = std::chrono::duration<double>(now_).count();
+  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
+  T.translation().x() = 2 * std::sin(s) + extra_x_mm_;
+  const Eigen::AngleAxisd turn(0.01 * std::sin(0.7 * s) + extra_turn_rad_,
+                               Eigen::Vector3d::UnitZ());
+  T.linear() = turn.toRotationMatrix();
+  return T;
+}
+
+void World::move_site() {
+  extra_x_mm_ += disturbance.site_speed_mm_per_s * 1e-3;
+  extra_turn_rad_ += disturbance.site_turn_rad_per_s * 1e-3;
+  if (disturbance.site_jump_mm != 0 && !has_jumped_) {
+    extra_x_mm_ += disturbance.site_jump_mm;
+    has_jumped_ = true;
+  }
+  estimate_slide_mm_ += disturbance.estimate_rate_mm_per_s * 1e-3;
+}
+
+perception::MotionEstimate World::estimate() {
+  const Disturbance& d = disturbance;
+  perception::MotionEstimate motion = rt::testing::healthy_estimate(now_ + d.exposure_error);
+  motion.T_camera_site = T_camera_site_true();
+  std::normal_distribution<double> noise(0, 0.003);
+  for (int axis = 0; axis < 3; ++axis) motion.T_camera_site.translation()[axis] += noise(random_);
+  motion.T_camera_site.translation().y() += d.estimate_offset_mm + estimate_slide_mm_;
+  const double wrong_mm = std::abs(d.estimate_offset_mm + estimate_slide_mm_);
+  motion.drift_um = 5 + (d.is_drift_seen ? 1e3 * wrong_mm : 0);
+  motion.has_drift = !d.has_no_drift;
+  if (options_.bug == Bug::drift_not_measured) motion.drift_um = 5;
+  if (options_.bug != Bug::covariance_not_filled_honestly)
+    motion.covariance *= d.covariance_scale * d.covariance_scale;
+  if (d.covariance_scale > 1)
+    motion.T_camera_site.translation().y() += 0.01 * d.covariance_scale * noise(random_) / 0.003;
+  if (d.is_degraded) motion.status = perception::TrackingStatus::degraded;
+  if (d.has_few_inliers) motion.inliers = 8;
+  if (d.has_bunched_inliers) motion.inlier_spread = 0.05;
+  if (d.has_nan) motion.T_camera_site.translation().z() = std::nan("");
+  if (d.has_bad_rotation) motion.T_camera_site.linear() *= 1.01;
+  if (d.is_lost) motion.status = perception::TrackingStatus::lost;
+  return motion;
+}
+
+/// A frame each period; what the disturbance does to it.
+void World::run_camera() {
+  const Disturbance& d = disturbance;
+  if (d.is_camera_disconnected == was_connected_) {  // the event comes once
+    was_connected_ = !d.is_camera_disconnected;
+    Pending event;
+    event.t_arrival = now_;
+    event.arrival.t_received = now_;
+    event.arrival.is_connected = was_connected_;
+    event.arrival.is_frame = false;
+    pending_.push_back(event);
+  }
+  if (now_ < t_next_exposure_) return;
+  t_next_exposure_ += kFramePeriod;
+  ++frame_;
+  const bool is_missing =
+      d.is_camera_silent || d.is_camera_disconnected || (d.is_skipping_frames && frame_ % 2 == 0);
+  if (is_missing && options_.bug != Bug::silence_reported_as_frames) return;
+  Pending p;
+  p.t_arrival = now_ + milliseconds(6) + d.frame_delay;
+  p.t_estimate = now_ + milliseconds(16) + d.frame_delay + d.tracker_delay;
+  p.arrival.frame = frame_;
+  p.arrival.t_exposure = now_ + d.exposure_error;
+  p.arrival.t_received = p.t_arrival;
+  if (options_.bug != Bug::faults_not_reported) {
+    p.arrival.faults = d.frame_faults;
+    if (d.is_skipping_frames) p.arrival.faults.insert(Reason::frame_gap);
+    if (d.is_frozen) p.arrival.faults.insert(Reason::frame_frozen);
+  }
+  const bool is_tracked = !d.is_tracker_silent && !is_missing &&
+                          (d.frame_faults.empty() || options_.bug == Bug::faults_not_reported);
+  if (is_tracked) {
+    rt::StampedEstimate e;
+    e.motion = estimate();
+    if (d.is_frozen && newest_estimate_) {
+      if (!frozen_) frozen_ = newest_estimate_;
+      e.motion.T_camera_site = frozen_->motion.T_camera_site;
+    }
+    if (!d.is_frozen) frozen_.reset();
+    if (options_.bug == Bug::lost_reported_as_tracking && d.is_lost && newest_estimate_) {
+      e.motion = newest_estimate_->motion;
+      e.motion.t_exposure = now_;
+    }
+    if (options_.bug == Bug::frames_stamped_on_arrival) e.motion.t_exposure = p.t_estimate;
+    e.registration_id = registration_.id + (d.has_other_keyframe ? 1 : 0);
+    e.frame = frame_;
+    e.t_frame_received = p.t_arrival;
+    e.t_published = p.t_estimate;
+    p.estimate = e;
+  } else if (options_.bug == Bug::estimate_repeated_as_new && newest_estimate_) {
+    p.estimate = newest_estimate_;
+    p.estimate->motion.t_exposure = now_;
+  }
+  pending_.push_back(p);
+}
+
+void World::deliver_estimates() {
+  for (Pending& p : pending_) {
+    if (!p.has_arrived && p.t_arrival <= now_) {
+      p.has_arrived = true;
+      if (readings_.arrival_count < rt::Readings::kMaxArrivals)
+        readings_.arrivals[readings_.arrival_count++] = p.arrival;
+      else
+        readings_.loop.internal_fault = true;
+    }
+    if (p.estimate && p.t_estimate <= now_ && p.has_arrived) {
+      readings_.estimate = newest_estimate_ = p.estimate;
+      p.estimate.reset();
+    }
+  }
+  while (!pending_.empty() && pending_.front().has_arrived && !pending_.front().estimate)
+    pending_.pop_front();
+}
+
+}  // namespace holdfast::fault
