@@ -97,7 +97,7 @@ safety::ReasonSet probe_real_time(const LoopParameters& loop) {
 }
 
 /// Says at start what will end the service one day, and what is open to everybody.
-safety::ReasonSet look_at_security(const SecurityConfig& security) {
+safety::ReasonSet look_at_security(const bridge::SecurityConfig& security) {
   safety::ReasonSet advisories;
   if (security.folder.empty()) {
     advisories.insert(safety::Reason::unsecured_transport);

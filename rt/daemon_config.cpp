@@ -7,7 +7,7 @@
 
 #include "bridge/camera_file.hpp"
 #include "bridge/config_file.hpp"
-#include "bridge/key_store.hpp"
+#include "bridge/robot_config.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
@@ -17,20 +17,6 @@ using bridge::ConfigSection;
 using bridge::Range;
 
 constexpr Range kPriority{1, 98};
-constexpr double kQuaternionTolerance = 1e-3;
-
-/// Unsecured must be asked for: nobody forgets it by leaving a line out.
-SecurityConfig read_security(const ConfigSection& section) {
-  SecurityConfig security;
-  const bool is_unsecured_allowed = section.boolean("allow_unsecured", false);
-  if (section.has("security") == is_unsecured_allowed)
-    throw InputError(fmt::format(
-        "{}: give either the folder of this daemon's keys (`holdfast keys` makes it) or "
-        "allow_unsecured = true",
-        section.where("security")));
-  if (!is_unsecured_allowed) security.use(section.path("security"));
-  return security;
-}
 
 LoopParameters read_loop(const ConfigSection& section) {
   LoopParameters loop;
@@ -155,21 +141,6 @@ safety::Limits read_limits(const ConfigSection& section, double frame_rate_hz) {
   return limits;
 }
 
-Eigen::Isometry3d read_robot_camera(const ConfigSection& section) {
-  if (!section.has("translation_mm") || !section.has("rotation_xyzw"))
-    throw InputError(
-        fmt::format("{} and rotation_xyzw are required: without T_robot_camera no pose "
-                    "can be given",
-                    section.where("translation_mm")));
-  const auto t = section.numbers("translation_mm", {}, 3, {-5'000, 5'000});
-  const auto q = section.numbers("rotation_xyzw", {}, 4, {-1, 1});
-  const Eigen::Quaterniond rotation{q[3], q[0], q[1], q[2]};
-  if (!(std::abs(rotation.norm() - 1) < kQuaternionTolerance))
-    throw InputError(fmt::format("{} has norm {}, not 1 within {}", section.where("rotation_xyzw"),
-                                 rotation.norm(), kQuaternionTolerance));
-  return Eigen::Translation3d{t[0], t[1], t[2]} * rotation.normalized();
-}
-
 safety::HandEyeSigma read_hand_eye_sigma(const ConfigSection& section) {
   safety::HandEyeSigma sigma;
   sigma.t_mm = section.number("sigma_t_mm", sigma.t_mm, {0, 10});
@@ -198,17 +169,12 @@ void require_same_size(const DaemonConfig& config, const std::string& where) {
 
 }  // namespace
 
-void SecurityConfig::use(const std::filesystem::path& keys) {
-  valid_until = bridge::require_valid_identity(keys, std::chrono::system_clock::now()).not_after;
-  folder = keys;
-}
-
 DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   const bridge::ConfigFile document{file};
   const ConfigSection root = document.root();
   DaemonConfig config;
   config.domain = root.section("dds").integer("domain", 0, {0, 230});
-  config.security = read_security(root.section("dds"));
+  config.security = bridge::read_security(root.section("dds"));
   config.loop = read_loop(root.section("loop"));
   config.camera = read_camera(root.section("camera"));
   config.frame_check = read_frame_check(root.section("frame_check"));
@@ -219,7 +185,7 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
           : SiteModel::depth;
   config.filter = read_filter(root.section("filter"));
   config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
-  config.T_robot_camera = read_robot_camera(root.section("robot"));
+  config.T_robot_camera = bridge::read_robot_camera(root.section("robot"));
   config.hand_eye_sigma = read_hand_eye_sigma(root.section("robot"));
   const ConfigSection registration = root.section("registration");
   const std::filesystem::path calibration_file = root.section("camera").path("calibration");

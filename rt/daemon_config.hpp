@@ -2,13 +2,13 @@
 // Everything holdfastd is told, in one struct: read once, validated, then constant.
 #pragma once
 
-#include <chrono>
 #include <filesystem>
 #include <optional>
 #include <string>
 
 #include "bridge/camera_source.hpp"
 #include "bridge/frame_check.hpp"
+#include "bridge/security_config.hpp"
 #include "perception/camera_model.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "registration/registration_file.hpp"
@@ -34,19 +34,9 @@ struct LoopParameters {
   bool allow_non_rt = false;  ///< go on, and say so in every health message
 };
 
-/// DDS Security: who this daemon is on the network.
-struct SecurityConfig {
-  std::filesystem::path folder;  ///< of `holdfast keys`; empty: unsecured, as was asked for
-  std::chrono::sys_seconds valid_until;
-
-  /// Takes `keys` as who this daemon is. Throws InputError when that is not a whole, valid
-  /// identity.
-  void use(const std::filesystem::path& keys);
-};
-
 struct DaemonConfig {
   int domain = 0;
-  SecurityConfig security;
+  bridge::SecurityConfig security;
   LoopParameters loop;
   bridge::CameraParameters camera;
   bridge::FrameCheckLimits frame_check;

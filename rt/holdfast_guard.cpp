@@ -21,7 +21,7 @@ struct Options {
 void run(const Options& options) {
   holdfast::guard::GuardConfig config = holdfast::guard::load_guard_config(options.config);
   if (options.domain) config.domain = *options.domain;
-  if (!options.security.empty()) config.security = options.security;
+  if (!options.security.empty()) config.security.use(options.security);
   if (options.is_check_only) {
     fmt::print("{}: fine\n", options.config.string());
     return;

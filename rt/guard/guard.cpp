@@ -47,7 +47,7 @@ class GuardLoop {
         watchdog_(config.watchdog_device),
         participant_({.domain = static_cast<std::uint32_t>(config.domain),
                       .configuration = {},
-                      .security = config.security}),
+                      .security = config.security.folder.string()}),
         stops_(participant_),
         poses_(participant_),
         health_(participant_),

@@ -6,13 +6,14 @@
 #include <filesystem>
 #include <string>
 
+#include "bridge/security_config.hpp"
 #include "rt/guard/guard_core.hpp"
 
 namespace holdfast::guard {
 
 struct GuardConfig {
   int domain = 0;
-  std::string security;  ///< folder of the guard's keys (`holdfast keys`); empty: unsecured
+  bridge::SecurityConfig security;
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
   GuardLimits limits;
   nanoseconds permission_validity = milliseconds(10);  ///< how long a robot may rely on one answer

@@ -1,27 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
-#include <cmath>
-
 #include "bridge/config_file.hpp"
+#include "bridge/robot_config.hpp"
 #include "rt/core/error.hpp"
 #include "rt/guard/guard.hpp"
 
 namespace holdfast::guard {
 namespace {
-
-constexpr double kUnitTolerance = 1e-6;
-
-Eigen::Isometry3d read_robot(const bridge::ConfigSection& section) {
-  const auto t = section.numbers("translation_mm", {0, 0, 0}, 3, {-1e5, 1e5});
-  const auto q = section.numbers("rotation_xyzw", {0, 0, 0, 1}, 4, {-1, 1});
-  const Eigen::Quaterniond rotation(q[3], q[0], q[1], q[2]);
-  if (std::abs(rotation.norm() - 1) > kUnitTolerance)
-    throw InputError(section.where("rotation_xyzw") + ": norm " + std::to_string(rotation.norm()) +
-                     " must be 1");
-  Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.linear() = rotation.normalized().toRotationMatrix();
-  T.translation() = Eigen::Vector3d(t[0], t[1], t[2]);
-  return T;
-}
 
 GuardLimits read_limits(const bridge::ConfigSection& s) {
   GuardLimits l;
@@ -52,14 +36,8 @@ GuardConfig load_guard_config(const std::filesystem::path& path) {
       root.duration("permission_validity_ms", config.permission_validity, {4, 20});
   config.priority = root.integer("priority", config.priority, {0, 99});
   config.allow_non_rt = root.boolean("allow_non_rt", config.allow_non_rt);
-  const auto dds = root.section("dds");
-  const bool is_unsecured_allowed = dds.boolean("allow_unsecured", false);
-  if (dds.has("security") == is_unsecured_allowed)  // nobody forgets it by leaving a line out
-    throw InputError(dds.where("security") +
-                     ": give either the folder of this guard's keys (`holdfast keys` makes it) or "
-                     "allow_unsecured = true");
-  if (!is_unsecured_allowed) config.security = dds.path("security").string();
-  config.T_robot_camera = read_robot(root.section("robot"));
+  config.security = bridge::read_security(root.section("dds"));
+  config.T_robot_camera = bridge::read_robot_camera(root.section("robot"));
   config.limits = read_limits(root.section("limits"));
   config.watchdog_device = root.section("watchdog").text("device", "");
   file.refuse_unknown_keys();

@@ -6,7 +6,11 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
 #include <thread>
+#include <utility>
 
 #include <gtest/gtest.h>
 
@@ -181,20 +185,43 @@ TEST_F(GuardProcess, AGuardThatEndsInOrderWithdraws) {
   EXPECT_FALSE(poll().is_permitted());
 }
 
-TEST(GuardProgram, ChecksItsConfiguration) {
-  RecordProperty("requirement", "SR-82");
-  const std::filesystem::path log = std::filesystem::path(::testing::TempDir()) / "guard_check.log";
-  const auto run = [&log](const std::string& file) {
-    sim::ChildProcess process(HOLDFAST_GUARD, {"--config", file, "--check"}, log);
-    return process.wait(milliseconds(60'000));
+std::string text_of(const std::filesystem::path& file) {
+  std::ostringstream text;
+  text << std::ifstream(file).rdbuf();
+  return text.str();
+}
+
+/// Exit code of `holdfast-guard --check` on this text, and what it said.
+std::pair<int, std::string> check(const std::string& configuration) {
+  const auto folder = std::filesystem::path(::testing::TempDir());
+  const auto file = folder / "guard_check.toml", log = folder / "guard_check.log";
+  std::ofstream(file) << configuration;
+  sim::ChildProcess process(HOLDFAST_GUARD, {"--config", file, "--check"}, log);
+  const int code = process.wait(milliseconds(60'000));
+  return {code, text_of(log)};
+}
+
+TEST(GuardProgram, NamesEachMistakeOfItsConfiguration) {
+  RecordProperty("requirement", "SR-82,SR-89");
+  const std::string good = text_of(HOLDFAST_GUARD_CONFIG);
+  EXPECT_EQ(check(good).first, 0);
+  struct Mistake {
+    const char *from, *to, *said;
   };
-  EXPECT_EQ(run(HOLDFAST_GUARD_CONFIG), 0);
-  const auto bad = std::filesystem::path(::testing::TempDir()) / "bad_guard.toml";
-  std::FILE* file = std::fopen(bad.c_str(), "w");
-  ASSERT_NE(file, nullptr);
-  std::fputs("[limits]\npose_silence_max = 3\n", file);
-  std::fclose(file);
-  EXPECT_EQ(run(bad), 2);
+  for (const auto& [from, to, said] :
+       {Mistake{"daemon_silence_max_ms", "daemon_silence_max_us", "daemon_silence_max_us"},
+        Mistake{"permission_validity_ms = 18", "permission_validity_ms = 21", "out of range"},
+        Mistake{"translation_mm", "#translation_mm",
+                "robot.translation_mm and rotation_xyzw are required"},
+        Mistake{"allow_unsecured = true", "", "dds.security: give either"},
+        Mistake{"allow_unsecured = true", "security = \"nowhere\"", "nowhere"}}) {
+    std::string bad = good;
+    const auto at = bad.find(from);
+    ASSERT_NE(at, std::string::npos) << from;
+    const auto [code, text] = check(bad.replace(at, std::string(from).size(), to));
+    EXPECT_EQ(code, 2) << to;
+    EXPECT_NE(text.find(said), std::string::npos) << text;
+  }
 }
 
 }  // namespace
