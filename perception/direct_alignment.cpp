@@ -16,7 +16,8 @@ namespace {
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix26d = Eigen::Matrix<double, 2, 6>;
 
-constexpr auto kCells = static_cast<std::size_t>(kSightingCells * kSightingCells);
+constexpr auto kCells =
+    static_cast<std::size_t>(kSightingCells) * static_cast<std::size_t>(kSightingCells);
 constexpr double kCut2 = 25;            // Tukey's cut, squared, in units of the scale
 constexpr double kMedianOfTwo = 1.386;  // median of chi^2 with two degrees of freedom
 constexpr double kScale2Min = 0.3;

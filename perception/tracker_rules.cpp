@@ -40,7 +40,8 @@ void set_pose(const Eigen::Isometry3d& T_camera_site, const Matrix6d& covariance
   out.T_camera_site = T_camera_site;
   out.covariance = covariance;
   out.p_pivot_site_mm = site.p_pivot_mm();
-  const Eigen::Vector3d p = site.p_centre_mm(), q = T_camera_site * p;
+  const Eigen::Vector3d& p = site.p_centre_mm();
+  const Eigen::Vector3d q = T_camera_site * p;
   const Eigen::Vector2d moved_um = 1000 * p.z() * (project(q) - project(p));
   out.dx_um = moved_um.x();
   out.dy_um = moved_um.y();
