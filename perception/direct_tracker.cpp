@@ -10,6 +10,7 @@
 #include "perception/frame_chain.hpp"
 #include "perception/image_shift.hpp"
 #include "perception/stage_timer.hpp"
+#include "perception/stillness_check.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "perception/tracker_rules.hpp"
 
@@ -40,9 +41,17 @@ struct DirectTracker::Impl {
   CameraModel camera;
   TrackerParameters parameters;
 
-  /// What belongs to one keyframe.
-  struct Keyframe {
+  /// What was given.
+  struct Given {
+    cv::Mat image;
     Site site;
+    cv::Mat mask;
+  };
+  /// What was made of one keyframe.
+  struct Keyframe {
+    Given given;
+    Site site;
+    StillnessCheck stillness;
     DirectTemplate patches;
     TemplateLevel witnesses;
     DirectAligner aligner;
@@ -50,6 +59,8 @@ struct DirectTracker::Impl {
     FeatureReview features;
   };
   std::optional<Keyframe> key;
+
+  int frames_since_learning = 0;  // what is fixed to the camera
 
   Pyramid pyramid;
   ImageShift shift;
@@ -71,6 +82,9 @@ struct DirectTracker::Impl {
   void compare_features(const cv::Mat& image, MotionEstimate& out);
   void object(MotionEstimate& out) const;
   void estimate(const cv::Mat& image, MotionEstimate& out);
+  [[nodiscard]] TrackingReason take_keyframe(const Given& given, const cv::Mat& moving_half);
+  [[nodiscard]] bool is_contradicted(const MotionEstimate& out) const;
+  bool learn_fixed(const cv::Mat& image, MotionEstimate& out);
   void forget_motion();
 };
 
@@ -253,24 +267,51 @@ void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate&
   }
 }
 
+bool DirectTracker::Impl::is_contradicted(const MotionEstimate& out) const {
+  return key->stillness.contradicts(out.T_camera_site, pyramid, out.noise_grey);
+}
+
+/// Takes what has not changed for fixed to the camera, and looks for the site without it.
+bool DirectTracker::Impl::learn_fixed(const cv::Mat& image, MotionEstimate& out) {
+  constexpr int kPause = 10;  // frames; what moved little is told apart better later
+  if (frames_since_learning++ % kPause != 0) return false;
+  const Given given = key->given;
+  const Eigen::Isometry3d T_fixed = out.T_camera_site;
+  if (take_keyframe(given, key->stillness.moving_half(pyramid)) != TrackingReason::none)
+    return false;
+  // Noticed soon, the site is still near; and between dots there is no room for features.
+  return (accept(key->aligner.align(key->patches, pyramid, T_fixed, kCoarsest), out) ||
+          relocalise(image, out)) &&
+         !is_contradicted(out);
+}
+
 void DirectTracker::Impl::estimate(const cv::Mat& image, MotionEstimate& out) {
   {
     const StageTimer timer(out.times.pyramid);
     make_pyramid(image, pyramid);
   }
-  const bool is_followed = T_newest && follow(out);
-  if (!is_followed && relocalise(image, out)) {
+  bool is_followed = T_newest && follow(out);
+  bool is_found = is_followed || relocalise(image, out);
+  if (is_found && is_contradicted(out)) {
+    is_followed = false;
+    is_found = learn_fixed(image, out);
+    if (!is_found) out.reason = TrackingReason::fixed_pattern;
+  } else if (is_found) {
+    frames_since_learning = 0;
+  }
+  if (!is_found) {
+    out.status = TrackingStatus::lost;
+    forget_motion();
+    return;
+  }
+  if (!is_followed) {
     if (out.status == TrackingStatus::tracking) out.status = TrackingStatus::relocalised;
     T_newest.reset();
     key->chain.break_off();
-  } else if (!is_followed) {
-    out.status = TrackingStatus::lost;
   }
-  if (out.status != TrackingStatus::lost) {
-    compare_chain(out);
-    if (is_followed) compare_features(image, out);
-    object(out);
-  }
+  compare_chain(out);
+  if (is_followed) compare_features(image, out);
+  object(out);
   if (out.status == TrackingStatus::lost) {
     forget_motion();
     return;
@@ -278,6 +319,39 @@ void DirectTracker::Impl::estimate(const cv::Mat& image, MotionEstimate& out) {
   T_before = T_newest;
   T_newest = out.T_camera_site;
   shift.remember(pyramid.levels[kCoarsest]);
+}
+
+/// The former keyframe stays when this one cannot serve.
+TrackingReason DirectTracker::Impl::take_keyframe(const Given& given, const cv::Mat& moving_half) {
+  const auto& [image, site, mask] = given;
+  const Freedom freedom = site.is_plane() ? Freedom::planar : Freedom::rigid;
+  FeatureReview features(camera, parameters);
+  if (const auto reason = features.set_keyframe(image, site, mask, moving_half);
+      reason != TrackingReason::none)
+    return reason;
+  GreyAndMask grey_and_mask;
+  make_grey_and_mask(image, parameters.mask, grey_and_mask);
+  cv::Mat keep_half = grey_and_mask.keep_half;
+  if (!mask.empty()) keep_half &= kept_of_half(mask, keep_half.size());
+  if (!moving_half.empty()) keep_half &= moving_half;
+  Pyramid levels;
+  make_pyramid(image, levels);
+  Keyframe made{given,
+                site,
+                StillnessCheck(camera, site, parameters.health, levels),
+                make_template(levels, keep_half, camera, site, parameters.direct),
+                make_witnesses(levels, keep_half, camera, site, parameters.direct),
+                DirectAligner(camera, parameters, freedom, site.p_pivot_mm()),
+                FrameChain(camera, parameters, freedom, site.p_pivot_mm()),
+                std::move(features)};
+  std::size_t most = 0;
+  for (const TemplateLevel& level : made.patches) most = std::max(most, level.size());
+  if (made.patches[0].size() < static_cast<std::size_t>(kPatchesMin))
+    return TrackingReason::too_few_features;
+  made.aligner.reserve(most);
+  key.emplace(std::move(made));
+  forget_motion();
+  return TrackingReason::none;
 }
 
 DirectTracker::DirectTracker(const CameraModel& camera, const TrackerParameters& parameters)
@@ -295,32 +369,13 @@ TrackingReason DirectTracker::set_keyframe(const cv::Mat& image, const SiteGeome
       reason != TrackingReason::none)
     return reason;
 
-  const Site site(s.camera, geometry);
-  const Freedom freedom = site.is_plane() ? Freedom::planar : Freedom::rigid;
-  FeatureReview features(s.camera, s.parameters);
-  if (const auto reason = features.set_keyframe(image, site, mask); reason != TrackingReason::none)
-    return reason;
-  GreyAndMask grey_and_mask;
-  make_grey_and_mask(image, s.parameters.mask, grey_and_mask);
-  cv::Mat keep_half = grey_and_mask.keep_half;
-  if (!mask.empty()) keep_half &= kept_of_half(mask, keep_half.size());
+  const Impl::Given given{image.clone(), Site(s.camera, geometry), mask.clone()};
+  if (const auto reason = s.take_keyframe(given, {}); reason != TrackingReason::none) return reason;
+  s.t_newest.reset();
+  s.frames_since_learning = 0;
+  s.T_newest = Eigen::Isometry3d::Identity();
   Pyramid pyramid;
   make_pyramid(image, pyramid);
-  Impl::Keyframe key{site,
-                     make_template(pyramid, keep_half, s.camera, site, s.parameters.direct),
-                     make_witnesses(pyramid, keep_half, s.camera, site, s.parameters.direct),
-                     DirectAligner(s.camera, s.parameters, freedom, site.p_pivot_mm()),
-                     FrameChain(s.camera, s.parameters, freedom, site.p_pivot_mm()),
-                     std::move(features)};
-  std::size_t most = 0;
-  for (const TemplateLevel& level : key.patches) most = std::max(most, level.size());
-  if (key.patches[0].size() < static_cast<std::size_t>(kPatchesMin))
-    return TrackingReason::too_few_features;
-  key.aligner.reserve(most);
-  s.key.emplace(std::move(key));
-  s.t_newest.reset();
-  s.forget_motion();
-  s.T_newest = Eigen::Isometry3d::Identity();
   s.shift.remember(pyramid.levels[kCoarsest]);
   return TrackingReason::none;
 }

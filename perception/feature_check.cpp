@@ -13,12 +13,13 @@ FeatureCheck::FeatureCheck(const CameraModel& camera, const TrackerParameters& p
 }
 
 TrackingReason FeatureCheck::set_keyframe(const cv::Mat& image, const Site& site,
-                                          const cv::Mat& mask) {
-  auto seen = see_keyframe(image, site, mask, camera_, parameters_, detector_);
+                                          const cv::Mat& mask, const cv::Mat& moving_half) {
+  auto seen = see_keyframe(image, site, mask, moving_half, camera_, parameters_, detector_);
   if (!seen) return TrackingReason::too_few_features;
   site_ = site;
   keyframe_ = std::move(seen->view);
   p_site_mm_ = std::move(seen->p_site_mm);
+  moving_half_ = moving_half.clone();
   return TrackingReason::none;
 }
 
@@ -49,6 +50,7 @@ FeatureMotion FeatureCheck::fit(const std::vector<Match>& matches) {
 FeatureMotion FeatureCheck::find(const cv::Mat& image,
                                  const std::optional<Eigen::Isometry3d>& T_predicted) {
   make_grey_and_mask(image, parameters_.mask, current_.images);
+  if (!moving_half_.empty()) current_.images.keep_half &= moving_half_;
   detector_.detect(current_.images.grey, current_.images.half, current_.images.keep_half,
                    current_.features);
   if (current_.features.size() < parameters_.health.features_min) {

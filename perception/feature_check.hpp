@@ -26,8 +26,10 @@ class FeatureCheck {
   /// As Tracker's.
   FeatureCheck(const CameraModel& camera, const TrackerParameters& parameters);
 
+  /// `moving_half` (CV_8UC1 of half size, or empty): 0 where the image shows what is fixed to the
+  /// camera: no feature of any frame is taken there.
   [[nodiscard]] TrackingReason set_keyframe(const cv::Mat& image, const Site& site,
-                                            const cv::Mat& mask);
+                                            const cv::Mat& mask, const cv::Mat& moving_half = {});
 
   /// Exhaustive: every feature against every other, so that a second motion anywhere in the image
   /// is seen. Should too few agree on any, and `T_predicted` be given, guided: only near where it
@@ -45,6 +47,7 @@ class FeatureCheck {
   Site site_;
   View keyframe_, current_;
   std::vector<Eigen::Vector3d> p_site_mm_;
+  cv::Mat moving_half_;
 };
 
 }  // namespace holdfast::perception

@@ -15,15 +15,17 @@ FeatureReview::FeatureReview(const CameraModel& camera, const TrackerParameters&
       frames_since_check_(parameters.check.every_frames) {}  // the first frame is checked
 
 TrackingReason FeatureReview::set_keyframe(const cv::Mat& image, const Site& site,
-                                           const cv::Mat& mask) {
+                                           const cv::Mat& mask, const cv::Mat& moving_half) {
   p_pivot_mm_ = site.p_pivot_mm();
-  if (const auto reason = features_.set_keyframe(image, site, mask); reason != TrackingReason::none)
+  if (const auto reason = features_.set_keyframe(image, site, mask, moving_half);
+      reason != TrackingReason::none)
     return reason;
   if (const FeatureMotion itself = features_.find(image, std::nullopt); !itself.fit)
     return itself.reason;
   if (!parameters_.check.is_threaded) return TrackingReason::none;
   FeatureCheck beside(camera_, parameters_);
-  if (const auto reason = beside.set_keyframe(image, site, mask); reason != TrackingReason::none)
+  if (const auto reason = beside.set_keyframe(image, site, mask, moving_half);
+      reason != TrackingReason::none)
     return reason;
   checker_ = std::make_unique<CheckThread>(std::move(beside));
   return TrackingReason::none;

@@ -18,8 +18,9 @@ class FeatureReview {
 
   /// Once. Refuses a keyframe that is not found again in itself, as a pattern that repeats: it
   /// proves no pose.
+  /// `moving_half`: as FeatureCheck's.
   [[nodiscard]] TrackingReason set_keyframe(const cv::Mat& image, const Site& site,
-                                            const cv::Mat& mask);
+                                            const cv::Mat& mask, const cv::Mat& moving_half = {});
 
   /// The site, wherever it is; counts as this frame's check once it is judged.
   [[nodiscard]] FeatureMotion find(const cv::Mat& image);

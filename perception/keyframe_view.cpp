@@ -4,12 +4,14 @@
 namespace holdfast::perception {
 
 std::optional<KeyframeView> see_keyframe(const cv::Mat& image, const Site& site,
-                                         const cv::Mat& mask, const CameraModel& camera,
+                                         const cv::Mat& mask, const cv::Mat& moving_half,
+                                         const CameraModel& camera,
                                          const TrackerParameters& parameters,
                                          FeatureDetector& detector) {
   constexpr int kSettling = 12;
   KeyframeView out;
   make_grey_and_mask(image, parameters.mask, out.view.images);
+  if (!moving_half.empty()) out.view.images.keep_half &= moving_half;
   Features found;
   detector.reset();
   for (int i = 0; i < kSettling; ++i)

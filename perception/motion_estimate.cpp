@@ -47,6 +47,8 @@ std::string_view name(TrackingReason reason) noexcept {
       return "time_not_increasing";
     case TrackingReason::check_disagreement:
       return "check_disagreement";
+    case TrackingReason::fixed_pattern:
+      return "fixed_pattern";
     case TrackingReason::unchecked:
       return "unchecked";
   }

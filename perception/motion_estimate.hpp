@@ -32,7 +32,8 @@ enum class TrackingReason : std::uint8_t {
   invalid_geometry,     ///< set_keyframe only: the site's depth is unusable
   time_not_increasing,  ///< not exposed after the frame before: duplicated or swapped stamps
   check_disagreement,   ///< features, checked independently, see another motion
-  unchecked             ///< features have found no motion for too long
+  unchecked,            ///< features have found no motion for too long
+  fixed_pattern         ///< the image has changed all over, yet what is found has not moved
 };
 [[nodiscard]] std::string_view name(TrackingReason reason) noexcept;
 

@@ -267,7 +267,7 @@ TrackingReason Tracker::set_keyframe(const cv::Mat& image, const SiteGeometry& g
     return reason;
 
   const Site site(s.camera, geometry);
-  auto seen = see_keyframe(image, site, mask, s.camera, s.parameters, s.detector);
+  auto seen = see_keyframe(image, site, mask, {}, s.camera, s.parameters, s.detector);
   if (!seen) return TrackingReason::too_few_features;
   s.site = site;
   s.keyframe = std::move(seen->view);

@@ -71,6 +71,8 @@ std::optional<std::string> invalid_parameter(const TrackerParameters& p) {
       {"check.limit_sigma", p.check.limit_sigma, 1, 1e3, "sigma"},
       {"check.failures_max", double(p.check.failures_max), 1, 1e9, "checks"},
       {"health.chain_length_max", double(p.health.chain_length_max), 1, 1e9, "frames"},
+      {"health.change_share_max", p.health.change_share_max, 0.01, 2, "of the blocks"},
+      {"health.change_spread_max", p.health.change_spread_max, 0.01, 1, "of the cells"},
   };
   for (const Range& range : ranges) {
     if (range.value >= range.low && range.value <= range.high) continue;  // false for NaN
