@@ -115,28 +115,42 @@ RoomFiles write_calibration_images(const RoomConfig& config, const fs::path& out
   return files;
 }
 
+RoomScene::RoomScene(const RoomConfig& config)
+    : phantom(make_phantom(config)), renderer(phantom.surfaces, phantom.n_view_ct) {}
+
 RoomFiles write_stereo_images(const RoomConfig& config, const fs::path& out,
                               const Progress& progress) {
+  RoomScene scene(config);
+  return write_stereo_images(config, scene, out, {}, progress);
+}
+
+RoomFiles write_stereo_images(const RoomConfig& config, RoomScene& scene, const fs::path& out,
+                              const StereoWish& wish, const Progress& progress) {
   const Microscope microscope(config.optics);
-  const Phantom phantom = make_phantom(config);
   const ProjectorOptics projector = make_projector(config.optics.seed, microscope.focus_mm());
-  Renderer renderer(phantom.surfaces, phantom.n_view_ct);
   const IdealCalibration ideal = ideal_calibration(microscope.at(config.zoom));
   RoomShot shot;
   shot.optics = microscope.at(config.zoom, config.visit);
   shot.lights = lights_of(config, projector);
   shot.projector = projector;
   shot.sensor = config.sensor;
-  const std::vector<Eigen::Isometry3d> poses = head_poses(config, phantom, microscope.focus_mm());
+  const std::vector<Eigen::Isometry3d> poses =
+      head_poses(config, scene.phantom, microscope.focus_mm());
+  const int only = wish.only_pose.value_or(-1);
+  if (wish.only_pose && (only < 0 || only >= config.poses))
+    throw InputError(fmt::format("pose {}, must be 0 to {}", only, config.poses - 1));
   RoomFiles files;
   json truth = json::array();
   for (std::size_t i = 0; i < poses.size(); ++i) {
     const int pose = static_cast<int>(i);
-    const fs::path folder = poses.size() == 1 ? out : out / fmt::format("pose_{:02}", pose);
+    if (only >= 0 && only != pose) continue;
+    const bool is_alone = only >= 0 || poses.size() == 1;
+    const fs::path folder = is_alone ? out : out / fmt::format("pose_{:02}", pose);
     make_folder(folder);
     shot.T_ct_head = poses[i];
     const auto pair = [&](const RoomShot& s, const char* suffix) {
-      const cv::Mat left = renderer.image(s, Side::left), right = renderer.image(s, Side::right);
+      const cv::Mat left = scene.renderer.image(s, Side::left),
+                    right = scene.renderer.image(s, Side::right);
       write_pair(config, folder / fmt::format("left{}.png", suffix),
                  folder / fmt::format("right{}.png", suffix), left, right, pose, files.files);
     };
@@ -145,22 +159,24 @@ RoomFiles write_stereo_images(const RoomConfig& config, const fs::path& out,
     if (!shot.lights.pattern.empty()) {
       RoomShot off = shot;
       off.lights.pattern = cv::Mat();
+      off.lights.or_light = wish.off_or_light.value_or(off.lights.or_light);
       off.seed = noise_seed(config, 201, 0, pose);
       pair(off, "_off");
     }
     const Eigen::Isometry3d T_camera_ct = ideal.T_camera_head * poses[i].inverse();
     truth.push_back({{"T_camera_ct", as_json(T_camera_ct)},
                      {"T_ct_head", as_json(poses[i])},
-                     {"markers", markers_json(phantom, T_camera_ct)}});
+                     {"markers", markers_json(scene.phantom, T_camera_ct)}});
     progress(pose + 1, static_cast<int>(poses.size()));
   }
-  files.truth = json{{"what", "stereo"},
-                     {"zoom", config.zoom},
-                     {"focus_mm", microscope.focus_mm()},
-                     {"phantom", phantom.name},
-                     {"ideal", as_json(ideal.model)},
-                     {"poses", truth}}
-                    .dump(1);
+  files.truth = json{
+      {"what", "stereo"},
+      {"zoom", config.zoom},
+      {"focus_mm", microscope.focus_mm()},
+      {"phantom", scene.phantom.name},
+      {"ideal", as_json(ideal.model)},
+      {"poses",
+       truth}}.dump(1);
   return files;
 }
 

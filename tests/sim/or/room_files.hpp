@@ -5,6 +5,7 @@
 
 #include <filesystem>
 #include <functional>
+#include <optional>
 #include <string>
 
 #include "tests/sim/or/room.hpp"
@@ -30,6 +31,22 @@ struct RoomFiles {
 [[nodiscard]] RoomFiles write_stereo_images(const RoomConfig& config,
                                             const std::filesystem::path& out,
                                             const Progress& progress);
+
+/// A phantom before the renderer: made once for all that is rendered of it.
+struct RoomScene {
+  explicit RoomScene(const RoomConfig& config);
+  Phantom phantom;
+  Renderer renderer;
+};
+
+struct StereoWish {
+  std::optional<int> only_pose;        ///< its images stand directly in `out`
+  std::optional<double> off_or_light;  ///< or_light of the frames without the pattern
+};
+/// The same of a scene that is there already.
+[[nodiscard]] RoomFiles write_stereo_images(const RoomConfig& config, RoomScene& scene,
+                                            const std::filesystem::path& out,
+                                            const StereoWish& wish, const Progress& progress);
 
 /// out/frame_00000.png ... of 1920x1080 px and timestamps.csv, along the configuration's motion.
 /// Does nothing but say the truth again when `out` already holds this configuration's sequence.
