@@ -4,6 +4,7 @@
 
 #include "bridge/command_line.hpp"
 #include "rt/commands/commands.hpp"
+#include "rt/commands/rig_commands.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app{"Holdfast: keeps a microscope-mounted laser robot registered to the patient's ear.",
@@ -22,6 +23,7 @@ int main(int argc, char** argv) {
   holdfast::rt::add_project(app);
   holdfast::rt::add_reconstruct(app);
   holdfast::rt::add_register(app);
+  holdfast::rt::add_study(app);
   holdfast::rt::add_surface(app);
   holdfast::rt::add_track(app);
   return holdfast::bridge::run_command_line(app, argc, argv);

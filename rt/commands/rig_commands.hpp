@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: Apache-2.0
+// The commands that work on a rig (rt/study/rig.hpp): as those of commands.hpp.
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace CLI {
+class App;
+}
+
+namespace holdfast::rt {
+
+void add_study(CLI::App& app);
+/// `demo --setup`, given the words after it. Throws CLI::ParseError and holdfast::Error.
+void run_demo_setup(std::vector<std::string> words);
+
+}  // namespace holdfast::rt

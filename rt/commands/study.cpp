@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+// `holdfast study`: paper A's comparison on the rig, with its tables beside ours.
+#include "rt/study/study.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <sstream>
+#include <string>
+
+#include <CLI/CLI.hpp>
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/core/utils/logger.hpp>
+#include <unistd.h>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/command_line.hpp"
+#include "rt/commands/rig_commands.hpp"
+#include "rt/core/error.hpp"
+#include "rt/study/rig.hpp"
+#include "rt/study/room.hpp"
+#include "rt/study/study_report.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+constexpr const char* kExample =
+    "Example: paper A's 200 pairs on the virtual rig; interrupted, the same line goes on with it\n"
+    "  holdfast study --out study/\n"
+    "and a first look in a few minutes: one zoom, one repeat\n"
+    "  holdfast study --out look/ --zooms 1.3 --repeats 1\n"
+    "Writes report.html (one self-contained page) and results.csv (every reconstruction); "
+    "settings\n"
+    "are in study.json before the first image is made. A rig is a program that answers requests "
+    "as\n"
+    "`holdfast-sim serve` does.";
+
+struct Options {
+  StudySettings settings;
+  registration::PatternParameters pattern;
+  std::string out, rig;
+  bool is_lattice = false, is_json = false;
+};
+
+void show(int done, int all, const std::string& what) {
+  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+  if (isatty(STDERR_FILENO) != 1) return;
+  constexpr int kWidth = 30;
+  const int full = all > 0 ? kWidth * done / all : 0;
+  fmt::print(stderr, "\r\033[K[{}{}] {}/{} {}", std::string(static_cast<std::size_t>(full), '#'),
+             std::string(static_cast<std::size_t>(kWidth - full), '.'), done, all, what);
+  std::fflush(stderr);
+}
+
+struct ClearLine {
+  ~ClearLine() {
+    if (isatty(STDERR_FILENO) == 1) std::fputs("\r\033[K", stderr);
+  }
+};
+
+void prepare(Options& options) {
+  std::vector<double>& zooms = options.settings.zooms;
+  std::sort(zooms.begin(), zooms.end());
+  if (std::adjacent_find(zooms.begin(), zooms.end()) != zooms.end())
+    throw InputError("--zooms: one is given twice");
+  if (options.is_lattice) options.pattern.kind = registration::PatternKind::lattice;
+  if (const auto invalid = registration::invalid_pattern(options.pattern))
+    throw InputError(*invalid);
+  options.settings.patterns.assign(zooms.size(), options.pattern);
+  if (options.rig.empty()) options.rig = default_rig().string();
+}
+
+std::string bytes_of(const std::filesystem::path& file) {
+  std::ostringstream bytes;
+  bytes << std::ifstream(file, std::ios::binary).rdbuf();
+  return bytes.str();
+}
+
+void write_results(const Options& options, const StudyResult& result) {
+  const std::filesystem::path out = options.out;
+  std::vector<ReportPicture> pictures;
+  for (const StudyPicture& picture : result.heat_maps)
+    pictures.push_back({picture.title, bytes_of(picture.file)});
+  bridge::write_file_atomically((out / "results.csv").string(), csv_text(result.rows));
+  bridge::write_file_atomically(
+      (out / "report.html").string(),
+      study_html(options.settings, result.rows, result.calibration_rms_px, pictures));
+}
+
+void report(const Options& options, const StudyResult& result) {
+  nlohmann::ordered_json json;
+  json["out"] = options.out;
+  json["reconstructions"] = result.rows.size();
+  json["refused"] = std::count_if(result.rows.begin(), result.rows.end(),
+                                  [](const StudyRow& row) { return !row.refusal.empty(); });
+  json["resumed_pairs"] = result.resumed;
+  json["calibration_rms_px"] = result.calibration_rms_px;
+  if (!options.is_json)
+    fmt::print("{:>5} {:<11} {:<7} {:>15} {:>10} {:>12} {:>10} {:>8}\n", "zoom", "light", "method",
+               "closest, mm", "truth p50", "over 1 mm, %", "covered, %", "refused");
+  for (const double zoom : options.settings.zooms)
+    for (const Illumination illumination : kIlluminations)
+      for (const char* method : {"opencv", "sgm"}) {
+        const StudyCell cell = cell_of(result.rows, zoom, std::string(name(illumination)), method);
+        nlohmann::json row = as_json(cell.mean);
+        row["repeats"] = cell.repeats;
+        row["refused"] = cell.refused;
+        row.erase("repeat");
+        json["cells"].push_back(nlohmann::ordered_json(row));
+        if (!options.is_json)
+          fmt::print("{:>5g} {:<11} {:<7} {:>7.3f} ± {:.3f} {:>10.3f} {:>12.2f} {:>10.1f} {:>8}\n",
+                     zoom, name(illumination), method, cell.mean.closest_mean_mm,
+                     cell.mean.closest_sd_mm, cell.mean.truth_median_mm,
+                     100 * cell.mean.truth_over_1_mm, 100 * cell.mean.coverage, cell.refused);
+      }
+  if (options.is_json)
+    fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  else
+    fmt::print("{}/report.html: {} reconstructions, {} refused\n", options.out, result.rows.size(),
+               json["refused"].get<int>());
+}
+
+void run(Options options) {
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+  bridge::catch_interrupts();
+  prepare(options);
+  cv::setNumThreads(options.settings.setup.threads);
+  StudyResult result;
+  {
+    const ClearLine clear;
+    result = run_study(options.settings, options.out, options.rig, show);
+  }
+  write_results(options, result);
+  report(options, result);
+}
+
+}  // namespace
+
+void add_study(CLI::App& app) {
+  auto options = std::make_shared<Options>();
+  StudySettings& s = options->settings;
+  CLI::App* study = app.add_subcommand(
+      "study", "Paper A's comparison: zooms x illuminations x repeats, beside its tables.");
+  study->add_option("--out", options->out, "Folder; a study that stands there is gone on with")
+      ->required();
+  study->add_option("--zooms", s.zooms, "Zooms, 1.1 to 1.5")
+      ->delimiter(',')
+      ->check(CLI::Range(1.1, 1.5));
+  study->add_option("--repeats", s.repeats, "Positions of the ear for each zoom and light")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  study->add_option("--seed", s.seed, "Of the rig, the positions and the drawing")
+      ->capture_default_str();
+  study->add_option("--phantom-seed", s.phantom_seed, "The ear's shape; from 1000 on: held out")
+      ->capture_default_str();
+  study->add_option("--pairs", s.calibration_pairs, "Calibration pairs a zoom")
+      ->check(CLI::Range(6, 200))
+      ->capture_default_str();
+  study->add_option("--points", s.points, "Drawn of each reconstruction")
+      ->check(CLI::Range(10, 1'000'000))
+      ->capture_default_str();
+  study->add_option("--dots", options->pattern.dot_px, "Adaptive pattern: diameter of a dot, px")
+      ->capture_default_str();
+  study->add_option("--distance", options->pattern.distance_px, "Adaptive pattern: gap, px")
+      ->capture_default_str();
+  study->add_flag("--lattice", options->is_lattice, "Paper A's regular pattern");
+  study->add_option("--rig", options->rig, "The rig's program (default: holdfast-sim beside this)");
+  study->add_option("--threads", s.setup.threads, "Of the reconstruction")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  study->add_flag("--json", options->is_json, "Print one JSON object on stdout");
+  study->footer(kExample);
+  study->callback([options] { run(*options); });
+}
+
+}  // namespace holdfast::rt

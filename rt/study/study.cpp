@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "rt/study/study.hpp"
+
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <sstream>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/depth_file.hpp"
+#include "rt/core/error.hpp"
+#include "rt/study/rig.hpp"
+#include "rt/study/room.hpp"
+#include "rt/study/study_pair.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+void make_folder(const fs::path& path) {
+  std::error_code error;
+  fs::create_directories(path, error);
+  if (error)
+    throw InputError(fmt::format("{}: cannot be made: {}", path.string(), error.message()));
+}
+
+void write_png(const fs::path& path, const cv::Mat& image) {
+  std::vector<uchar> bytes;
+  cv::imencode(".png", image, bytes);
+  bridge::write_file_atomically(path.string(),
+                                {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+}
+
+std::optional<json> read_json(const fs::path& path) {
+  std::ifstream stream(path);
+  if (!stream) return {};
+  json value = json::parse(stream, nullptr, false);
+  return value.is_discarded() ? std::nullopt : std::optional(value);
+}
+
+json as_json(const StudySettings& s) {
+  json patterns = json::array();
+  for (const registration::PatternParameters& p : s.patterns)
+    patterns.push_back({{"kind", static_cast<int>(p.kind)},
+                        {"dot_px", p.dot_px},
+                        {"distance_px", p.distance_px},
+                        {"seed", p.seed}});
+  return {{"zooms", s.zooms},
+          {"repeats", s.repeats},
+          {"seed", s.seed},
+          {"phantom", s.phantom},
+          {"phantom_seed", s.phantom_seed},
+          {"calibration_pairs", s.calibration_pairs},
+          {"points", s.points},
+          {"iso_hu", s.setup.iso_hu},
+          {"patterns", patterns}};
+}
+
+/// Written before the first image: what is measured later cannot change what was asked. More
+/// repeats of the same study may be asked for.
+void freeze(const StudySettings& settings, const fs::path& folder) {
+  json asked = as_json(settings);
+  const fs::path file = folder / "study.json";
+  if (auto there = read_json(file)) {
+    const json repeats = there->value("repeats", json());
+    (*there)["repeats"] = asked["repeats"];
+    for (const auto& [key, value] : asked.items())
+      if (there->value(key, json()) != value)
+        throw InputError(fmt::format("{}: is of a study with {} = {}, not {}: choose another --out",
+                                     file.string(), key, there->value(key, json()).dump(),
+                                     value.dump()));
+    if (repeats == asked["repeats"]) return;
+  }
+  bridge::write_file_atomically(file.string(), asked.dump(1) + "\n");
+}
+
+class Study {
+ public:
+  Study(const StudySettings& settings, fs::path folder, const fs::path& rig,
+        const StudyProgress& progress)
+      : settings_(settings), folder_(std::move(folder)), rig_program_(rig), progress_(progress) {
+    all_ = static_cast<int>(settings_.zooms.size() * kIlluminations.size()) * settings_.repeats;
+  }
+
+  StudyResult run() {
+    make_folder(folder_);
+    freeze(settings_, folder_);
+    for (const char* name : {"cells", "heat", "patterns", "work"}) make_folder(folder_ / name);
+    calibrate();
+    const CtSide ct = scan();
+    const FiducialRegion region(ct.beads);
+    const auto calibration =
+        registration::read_stereo_calibration((folder_ / "stereo.yaml").string());
+    for (const registration::ZoomCalibration& zoom : calibration.zooms)
+      result_.calibration_rms_px = std::max(result_.calibration_rms_px, zoom.rms_px);
+    for (std::size_t zoom = 0; zoom < settings_.zooms.size(); ++zoom) {
+      const auto at_zoom = registration::calibration_at_zoom(calibration, settings_.zooms[zoom]);
+      const StudyBench bench{
+          ct, region, at_zoom, settings_.setup, settings_.points, settings_.seed};
+      for (const Illumination illumination : kIlluminations)
+        for (int repeat = 0; repeat < settings_.repeats; ++repeat)
+          pair(bench, zoom, illumination, repeat);
+    }
+    std::error_code ignored;
+    fs::remove_all(folder_ / "work", ignored);
+    return std::move(result_);
+  }
+
+ private:
+  Rig& rig() {
+    if (!rig_) rig_ = std::make_unique<Rig>(rig_program_);
+    return *rig_;
+  }
+  void tell(const std::string& what) const { progress_(done_, all_, what); }
+
+  [[nodiscard]] fs::path write_room(const Room& room) const {
+    const fs::path file = fs::absolute(folder_ / "work" / "room.toml");
+    bridge::write_file_atomically(file.string(), room_text(room));
+    return file;
+  }
+  [[nodiscard]] Room room() const {
+    Room room;
+    room.seed = settings_.seed;
+    room.phantom = settings_.phantom;
+    room.phantom_seed = settings_.phantom_seed;
+    room.poses = settings_.repeats;
+    room.calibration_pairs = settings_.calibration_pairs;
+    return room;
+  }
+
+  void calibrate() {
+    const fs::path out = folder_ / "stereo.yaml", images = fs::absolute(folder_ / "work/boards");
+    if (fs::exists(out)) return;
+    fs::remove_all(images);
+    for (const double zoom : settings_.zooms) {
+      tell(fmt::format("calibration images at zoom {:g}", zoom));
+      Room boards = room();
+      boards.zoom = zoom;
+      boards.illumination = Illumination::or_light;
+      (void)rig().request(
+          {{"do", "calibration"}, {"config", write_room(boards)}, {"out", images.string()}});
+    }
+    const registration::CalibrationOutcome outcome =
+        calibrate_images(images, settings_.setup, [this](const std::string& what) { tell(what); });
+    bridge::write_file_atomically(out.string(),
+                                  registration::stereo_calibration_text(outcome.calibration));
+    fs::remove_all(images);
+  }
+
+  CtSide scan() {
+    const fs::path dicom = fs::absolute(folder_ / "dicom");
+    if (!fs::exists(dicom)) {
+      tell("CT");
+      Room scanner = room();
+      scanner.illumination = Illumination::or_light;
+      (void)rig().request({{"do", "ct"}, {"config", write_room(scanner)}, {"out", dicom.string()}});
+    }
+    CtSide side = read_ct_side(dicom, settings_.setup);
+    bridge::write_file_atomically((folder_ / "ct.ply").string(),
+                                  registration::ply_bytes(side.surface));
+    bridge::write_file_atomically((folder_ / "fiducials.mrk.json").string(),
+                                  registration::markups_text(side.beads));
+    return side;
+  }
+
+  [[nodiscard]] fs::path pattern_at(std::size_t zoom) const {
+    const fs::path file = fs::absolute(folder_ / "patterns" /
+                                       fmt::format("adaptive_{:g}.png", settings_.zooms[zoom]));
+    if (!fs::exists(file)) write_png(file, registration::make_pattern(settings_.patterns[zoom]));
+    return file;
+  }
+
+  void pair(const StudyBench& bench, std::size_t zoom, Illumination illumination, int repeat) {
+    const std::string cell =
+        fmt::format("{:g}_{}_{:02}", settings_.zooms[zoom], name(illumination), repeat);
+    const bool has_heat_map = zoom + 1 == settings_.zooms.size() && repeat == 0;
+    const fs::path file = folder_ / "cells" / (cell + ".json");
+    if (const auto there = read_json(file)) {
+      for (const json& row : *there) result_.rows.push_back(row_of(row));
+      ++result_.resumed;
+    } else {
+      tell(cell);
+      const std::vector<StudyRow> rows = measure(bench, zoom, illumination, repeat, has_heat_map);
+      json text = json::array();
+      for (const StudyRow& row : rows) text.push_back(rt::as_json(row));
+      bridge::write_file_atomically(file.string(), text.dump(1) + "\n");
+      result_.rows.insert(result_.rows.end(), rows.begin(), rows.end());
+    }
+    ++done_;
+    tell(cell);
+    if (has_heat_map) list_heat_maps(illumination, settings_.zooms[zoom]);
+  }
+
+  std::vector<StudyRow> measure(const StudyBench& bench, std::size_t zoom,
+                                Illumination illumination, int repeat, bool has_heat_map) {
+    Room now = room();
+    now.zoom = settings_.zooms[zoom];
+    now.illumination = illumination;
+    now.pattern = pattern_at(zoom);
+    const fs::path work = fs::absolute(folder_ / "work/pair"), config = write_room(now);
+    (void)rig().request({{"do", "stereo"},
+                         {"config", config},
+                         {"out", work.string()},
+                         {"pose", repeat},
+                         {"off_or_light", kMarkerOrLight}});
+    StudyPair pair;
+    pair.shot = read_pair(work, "");
+    pair.markers = has_pattern(illumination) ? read_pair(work, "_off") : pair.shot;
+    StudyRow identity;
+    identity.zoom = now.zoom;
+    identity.illumination = name(illumination);
+    identity.repeat = repeat;
+    const auto judge = [&](const cv::Mat& depth_mm, StudyRow& row) {
+      const std::string depth = (work / "depth.tiff").string();
+      bridge::write_depth_file(depth, depth_mm);
+      const json truth =
+          rig().request({{"do", "depth-error"},
+                         {"config", config},
+                         {"pose", repeat},
+                         {"depth", depth},
+                         {"calibration", fs::absolute(folder_ / "stereo.yaml").string()}});
+      const auto figure = [&truth](const char* key) {
+        const json value = truth.value(key, json());
+        return value.is_number() ? value.get<double>() : StudyRow::kUnknown;
+      };
+      row.coverage = figure("coverage");
+      row.truth_median_mm = figure("median_mm");
+      row.truth_mean_mm = figure("mean_mm");
+      row.truth_p95_mm = figure("p95_mm");
+      row.truth_over_1_mm = figure("share_over_1_mm");
+      row.truth_over_1_mm_off_edges = figure("share_over_1_mm_off_edges");
+    };
+    const auto keep = [&](const std::string& method, const cv::Mat& map) {
+      if (!map.empty()) write_png(heat_file(illumination, method), map);
+    };
+    auto rows = measure_pair(bench, pair, identity, judge,
+                             has_heat_map ? keep : decltype(std::function(keep))());
+    fs::remove_all(work);
+    return rows;
+  }
+
+  [[nodiscard]] fs::path heat_file(Illumination illumination, const std::string& method) const {
+    return folder_ / "heat" / fmt::format("{}_{}.png", name(illumination), method);
+  }
+  void list_heat_maps(Illumination illumination, double zoom) {
+    for (const char* method : {"sgm", "opencv"})
+      if (const fs::path file = heat_file(illumination, method); fs::exists(file))
+        result_.heat_maps.push_back(
+            {fmt::format("{}, zoom {:g}, {}", name(illumination), zoom, method), file});
+  }
+
+  const StudySettings& settings_;
+  const fs::path folder_, rig_program_;
+  const StudyProgress& progress_;
+  std::unique_ptr<Rig> rig_;
+  StudyResult result_;
+  int done_ = 0, all_ = 0;
+};
+
+}  // namespace
+
+StudyResult run_study(const StudySettings& settings, const fs::path& folder, const fs::path& rig,
+                      const StudyProgress& progress) {
+  if (settings.patterns.size() != settings.zooms.size())
+    throw InputError(
+        fmt::format("{} patterns for {} zooms", settings.patterns.size(), settings.zooms.size()));
+  return Study(settings, folder, rig, progress).run();
+}
+
+}  // namespace holdfast::rt

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: Apache-2.0
+// What the study and the set-up flow are made of: rows, page, region, rig, depth.
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <string>
+
+#include <gtest/gtest.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/calib3d.hpp>
+#include <unistd.h>
+
+#include "rt/core/error.hpp"
+#include "rt/study/fiducial_region.hpp"
+#include "rt/study/rig.hpp"
+#include "rt/study/room.hpp"
+#include "rt/study/setup_flow.hpp"
+#include "rt/study/study_report.hpp"
+#include "rt/study/study_row.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+StudyRow row_with(double closest_mm, const std::string& refusal = "") {
+  StudyRow row;
+  row.zoom = 1.3;
+  row.illumination = "adaptive";
+  row.method = "sgm";
+  row.closest_mean_mm = closest_mm;
+  row.refusal = refusal;
+  return row;
+}
+
+TEST(StudyRow, SurvivesItsFile) {
+  StudyRow row = row_with(0.21, "period_slip: \"41\" % of, 35 %");
+  row.repeat = 7;
+  row.coverage = 0.97;
+  const StudyRow back = row_of(json::parse(as_json(row).dump()));
+  EXPECT_EQ(back.repeat, 7);
+  EXPECT_EQ(back.closest_mean_mm, 0.21);
+  EXPECT_EQ(back.coverage, 0.97);
+  EXPECT_EQ(back.refusal, row.refusal);
+  EXPECT_TRUE(std::isnan(back.truth_median_mm));
+  EXPECT_THROW((void)row_of(json::parse("{}")), InputError);
+}
+
+TEST(StudyRow, CsvLeavesUnknownEmptyAndQuotesText) {
+  const std::string csv = csv_text({row_with(0.5, "too \"dark\", 3")});
+  const std::string line = csv.substr(csv.find('\n') + 1);
+  EXPECT_EQ(line, "1.3,adaptive,0,sgm,,,,,0.5,,,,,,,,,,,,,\"too \"\"dark\"\", 3\"\n");
+}
+
+TEST(StudyCell, ARefusalIsCountedAndNoFigureOfItAveraged) {
+  const std::vector<StudyRow> rows{row_with(0.2), row_with(0.4),
+                                   row_with(StudyRow::kUnknown, "no_pattern: 0.1")};
+  const StudyCell cell = cell_of(rows, 1.3, "adaptive", "sgm");
+  EXPECT_EQ(cell.repeats, 3);
+  EXPECT_EQ(cell.refused, 1);
+  EXPECT_NEAR(cell.mean.closest_mean_mm, 0.3, 1e-12);
+  EXPECT_TRUE(std::isnan(cell.mean.coverage));
+  EXPECT_EQ(cell_of(rows, 1.3, "adaptive", "opencv").repeats, 0);
+}
+
+TEST(StudyPage, IsOneFileThatShowsPaperAndOursApart) {
+  StudySettings settings;
+  settings.zooms = {1.3};
+  settings.patterns.resize(1);
+  const std::string html = study_html(
+      settings, {row_with(0.21), row_with(StudyRow::kUnknown, "a < b & c")}, 0.1, {{"map", "PNG"}});
+  EXPECT_NE(html.find("class=\"q\">0.5 ± 0.3<"), std::string::npos);  // quoted, adaptive at 1.3
+  EXPECT_NE(html.find("0.21 ± –"), std::string::npos);
+  EXPECT_NE(html.find("1 of 2 refused"), std::string::npos);
+  EXPECT_NE(html.find("a &lt; b &amp; c"), std::string::npos);
+  EXPECT_NE(html.find("Not for clinical use"), std::string::npos);
+  EXPECT_NE(html.find("src=\"data:image/png;base64,UE5H\""), std::string::npos);
+  EXPECT_EQ(html.find("nan"), std::string::npos);
+  for (const char* outside : {"<script", "href=", "src=\"http", "url("})
+    EXPECT_EQ(html.find(outside), std::string::npos) << outside;
+}
+
+TEST(Base64, IsThatOfRfc4648) {
+  EXPECT_EQ(base64(""), "");
+  EXPECT_EQ(base64("f"), "Zg==");
+  EXPECT_EQ(base64("fo"), "Zm8=");
+  EXPECT_EQ(base64("foo"), "Zm9v");
+  EXPECT_EQ(base64("foobar"), "Zm9vYmFy");
+  EXPECT_EQ(base64(std::string("\xff\x00\xfe", 3)), "/wD+");
+}
+
+TEST(ZoomChart, SkipsWhatIsUnknown) {
+  const double unknown = std::nan("");
+  const std::string svg = zoom_chart("t", {1.1, 1.2, 1.3}, {{"a", "red", {1, unknown, 3}}});
+  EXPECT_EQ(svg.find("nan"), std::string::npos);
+  EXPECT_NE(svg.find("<path d=\"M"), std::string::npos);
+}
+
+registration::Markups square_of_beads() {
+  registration::Markups beads;
+  for (const auto& [x, y] : {std::pair{30.0, 30.0}, {-30.0, -30.0}, {30.0, -30.0}, {-30.0, 30.0}}) {
+    registration::MarkupPoint& bead = beads.points.emplace_back();
+    bead.position_mm = {100 + x, y, 0.1 * x};
+  }
+  return beads;
+}
+
+TEST(FiducialRegion, LiesBetweenTheBeadsAndKeepsClearOfThem) {
+  const FiducialRegion region(square_of_beads(), 9);
+  EXPECT_TRUE(region.contains({100, 0, 0}));
+  EXPECT_TRUE(region.contains({100, 0, 25}));  // whatever the height
+  EXPECT_TRUE(region.contains({122, 22, 0}));
+  EXPECT_FALSE(region.contains({128, 28, 3}));
+  EXPECT_FALSE(region.contains({135, 0, 3}));
+  EXPECT_FALSE(region.contains({65, 0, -3}));
+}
+
+TEST(FiducialRegion, RefusesBeadsInALine) {
+  registration::Markups beads;
+  for (int i = 0; i < 4; ++i) beads.points.emplace_back().position_mm = {10.0 * i, 0, 0};
+  EXPECT_THROW(FiducialRegion{beads}, InputError);
+}
+
+TEST(DepthForCamera, APlaneStaysTheSamePlane) {
+  registration::Rectification geometry;
+  geometry.size_px = {160, 120};
+  cv::Matx33d R1;
+  cv::Rodrigues(cv::Vec3d(0.02, -0.03, 0.01), R1);
+  geometry.R1 = R1;
+  geometry.P1 = {2000, 0, 80, 0, 0, 2000, 60, 0, 0, 0, 1, 0};
+  // n . p = 200 in the rectified frame.
+  const cv::Vec3d n = cv::normalize(cv::Vec3d(0.1, -0.05, 1));
+  cv::Mat1f rectified(120, 160);
+  for (int y = 0; y < 120; ++y)
+    for (int x = 0; x < 160; ++x)
+      rectified(y, x) =
+          static_cast<float>(200 / n.dot(cv::Vec3d((x - 80) / 2000.0, (y - 60) / 2000.0, 1)));
+  const cv::Matx33d K(1900, 0, 75, 0, 1900, 66, 0, 0, 1);
+  const cv::Mat1f depth = depth_for_camera(rectified, geometry, K);
+  int known = 0;
+  for (int y = 0; y < 120; ++y)
+    for (int x = 0; x < 160; ++x) {
+      if (std::isnan(depth(y, x))) continue;
+      ++known;
+      const cv::Vec3d p = static_cast<double>(depth(y, x)) * (K.inv() * cv::Vec3d(x, y, 1));
+      EXPECT_NEAR(n.dot(R1 * p), 200, 0.02) << x << "," << y;  // half a pixel on the slope
+    }
+  EXPECT_GT(known, 5'000);
+  EXPECT_LT(known, 160 * 120);  // turned by two pixels in a hundred and more: a rim is unknown
+}
+
+TEST(Room, NamesItsPatternOnlyWhereOneIsProjected) {
+  Room room;
+  room.pattern = "/p/x.png";
+  EXPECT_NE(room_text(room).find("pattern_file = \"/p/x.png\""), std::string::npos);
+  room.illumination = Illumination::microscope;
+  EXPECT_EQ(room_text(room).find("pattern_file"), std::string::npos);
+}
+
+class RigProgram : public testing::Test {
+ protected:
+  void TearDown() override { fs::remove(path_); }
+  const fs::path& saying(const std::string& script) {
+    std::ofstream(path_) << "#!/bin/sh\n" << script;
+    fs::permissions(path_, fs::perms::owner_all);
+    return path_;
+  }
+
+ private:
+  fs::path path_ = fs::temp_directory_path() / ("holdfast_rig_" + std::to_string(getpid()));
+};
+
+TEST_F(RigProgram, AnswersWhatItIsAsked) {
+  Rig rig(
+      saying("[ \"$1\" = serve ] || exit 9\n"
+             "while read line; do printf '{\"asked\": '; printf '%s}\\n' \"$line\"; done\n"));
+  EXPECT_EQ(rig.request({{"do", "this"}}).at("asked").at("do"), "this");
+  EXPECT_EQ(rig.request({{"do", "that"}}).at("asked").at("do"), "that");
+}
+
+TEST_F(RigProgram, ItsErrorIsARefusalWithItsWords) {
+  Rig rig(saying("read line; echo '{\"error\": \"lamp is broken\"}'; read line\n"));
+  try {
+    (void)rig.request({{"do", "stereo"}});
+    FAIL() << "accepted";
+  } catch (const RefusedError& error) {
+    EXPECT_STREQ(error.what(), "rig: lamp is broken");
+  }
+}
+
+TEST_F(RigProgram, OneThatEndsOrTalksNonsenseIsNotThere) {
+  {
+    Rig rig(saying("read line; exit 0\n"));
+    EXPECT_THROW((void)rig.request({{"do", "stereo"}}), UnavailableError);
+    EXPECT_THROW((void)rig.request({{"do", "stereo"}}), UnavailableError);
+  }
+  Rig rig(saying("read line; echo hello; read line\n"));
+  EXPECT_THROW((void)rig.request({{"do", "stereo"}}), UnavailableError);
+  EXPECT_THROW(Rig("/no/such/rig"), UnavailableError);
+}
+
+}  // namespace
+}  // namespace holdfast::rt
