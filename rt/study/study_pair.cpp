@@ -43,6 +43,11 @@ std::optional<Isometry3d> register_by_markers(const StudyBench& bench, const Stu
     registration::RegistrationInput input;
     input.fixed = bench.ct.beads;
     input.moving = locate_beads(pair.markers, bench.calibration, bench.setup);
+    for (registration::Markups* points :
+         {&input.fixed, &input.moving}) {  // Horn weighs them equally
+      points->joint_covariance_mm2.resize(0, 0);
+      for (registration::MarkupPoint& point : points->points) point.covariance_mm2.reset();
+    }
     const registration::CtRegistration result = registration::register_ct(input);
     if (result.status == registration::RegistrationStatus::registered) {
       row.fre_mm = result.registration.fre_mm;
