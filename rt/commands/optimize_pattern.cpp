@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 // `holdfast optimize-pattern`: which projected dots give the best surface at each zoom.
 #include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <memory>
@@ -10,6 +13,7 @@
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <unistd.h>
 
 #include "bridge/atomic_file.hpp"
@@ -18,8 +22,8 @@
 #include "registration/pattern_table.hpp"
 #include "registration/transform_file.hpp"
 #include "rt/commands/commands.hpp"
-#include "rt/commands/pattern_rig.hpp"
 #include "rt/core/error.hpp"
+#include "rt/study/rig.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -32,10 +36,10 @@ constexpr const char* kExample =
     "  holdfast optimize-pattern --rig 'holdfast-sim rig --config config/or.toml' \\\n"
     "      --calibration stereo.yaml --zooms 1.2,1.3 --reference ct.ply \\\n"
     "      --transform 'T_{zoom}.tfm' --out patterns.toml --csv evaluations.csv\n"
-    "The rig is started once a pattern, as COMMAND --zoom Z --pattern FILE.png --out FOLDER, and "
-    "leaves\nthe raw pair as FOLDER/left.png and FOLDER/right.png. The reference is the same "
-    "object as a\nsurface, --transform (as `register --tfm` writes it) where it lies; {zoom} in "
-    "it stands for the\nzoom. Every evaluation is in the CSV at once: the same command goes on "
+    "The rig is started once and answers requests for pairs (docs/interfaces.md, \"Rig\"). The "
+    "reference is\nthe same object as a surface, --transform (as `register --tfm` writes it) "
+    "where it lies; {zoom} in\nit stands for the zoom. Every evaluation is in the CSV at once: the "
+    "same command goes on "
     "where an interrupted one\nended. A neighbouring zoom begins with what the one before found. "
     "--paper searches as paper A\ndoes: ten random patterns first, then by the mean distance to "
     "the closest vertex.";
@@ -57,6 +61,28 @@ registration::PatternKind kind_of(const std::string& name) {
                             : PatternKind::aperiodic;
 }
 
+/// Gone with the command.
+class TemporaryFolder {
+ public:
+  TemporaryFolder() {
+    std::string name =
+        (std::filesystem::temp_directory_path() / "holdfast-pattern-XXXXXX").string();
+    if (mkdtemp(name.data()) == nullptr)
+      throw UnavailableError(name + ": cannot be made: " + std::strerror(errno));
+    path_ = name;
+  }
+  ~TemporaryFolder() {
+    std::error_code ignored;  // a folder left behind in the temporary place harms nobody
+    std::filesystem::remove_all(path_, ignored);
+  }
+  TemporaryFolder(const TemporaryFolder&) = delete;
+  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+ private:
+  std::filesystem::path path_;
+};
+
 /// All searches of one command, and the CSV they share.
 class PatternStudy {
  public:
@@ -65,7 +91,7 @@ class PatternStudy {
         head_{kind_of(options.kind), options.is_paper, options.seed},
         calibration_(registration::read_stereo_calibration(options.calibration)),
         reference_(registration::read_mesh(options.reference)),
-        rig_(options.rig) {
+        rig_(rig_command(options.rig)) {
     if (reference_.triangles.empty())
       throw InputError(options.reference + ": has no triangles to measure distances to");
     if (std::filesystem::exists(options.csv)) {
@@ -113,9 +139,7 @@ class PatternStudy {
     const registration::EvaluationOptions evaluation_options = evaluation_at(zoom);
     while (const auto dots = search.next()) {
       if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-      const registration::StereoShot shot = rig_.take(
-          zoom, registration::make_pattern({head_.kind, static_cast<double>(dots->dot_px),
-                                            static_cast<double>(dots->distance_px), head_.seed}));
+      const registration::StereoShot shot = take(zoom, *dots);
       PatternEvaluation judged = registration::judge_pattern(
           reconstructor.reconstruct(std::span(&shot, 1)), reconstructor.rectification(), reference_,
           evaluation_options, head_.is_paper);
@@ -127,6 +151,20 @@ class PatternStudy {
       bridge::write_file_atomically(options_.csv, registration::pattern_table_text(head_, known_));
       progress(judged, search.evaluations().size());
     }
+  }
+
+  registration::StereoShot take(double zoom, const registration::Dots& dots) {
+    PairRequest request;
+    request.out = images_.path();
+    request.zoom = zoom;
+    request.pattern = (images_.path() / "pattern.png").string();
+    std::vector<uchar> png;
+    cv::imencode(".png",
+                 registration::make_pattern({head_.kind, static_cast<double>(dots.dot_px),
+                                             static_cast<double>(dots.distance_px), head_.seed}),
+                 png);
+    bridge::write_file_atomically(request.pattern, std::string{png.begin(), png.end()});
+    return rig_.pair(request).shot;
   }
 
   [[nodiscard]] registration::EvaluationOptions evaluation_at(double zoom) const {
@@ -155,7 +193,8 @@ class PatternStudy {
   registration::PatternTableHead head_;
   registration::StereoCalibration calibration_;
   registration::TriangleMesh reference_;
-  PatternRig rig_;
+  TemporaryFolder images_;
+  Rig rig_;
   std::vector<PatternEvaluation> known_;
   std::size_t taken_ = 0;
 };
@@ -198,7 +237,7 @@ void add_optimize_pattern(CLI::App& app) {
   auto options = std::make_shared<Options>();
   CLI::App* command =
       app.add_subcommand("optimize-pattern", "The dots that give the best surface, per zoom.");
-  command->add_option("--rig", options->rig, "Command that takes a pair under a pattern")
+  command->add_option("--rig", options->rig, "Command of the rig that takes a pair under a pattern")
       ->required();
   command->add_option("--calibration", options->calibration, "stereo.yaml")->required();
   command->add_option("--zooms", options->zooms, "Zooms, neighbours in turn: 1.1,1.2,1.3")

@@ -16,6 +16,7 @@
 #include "bridge/command_line.hpp"
 #include "rt/commands/rig_commands.hpp"
 #include "rt/core/error.hpp"
+#include "rt/study/pattern_choice.hpp"
 #include "rt/study/rig.hpp"
 #include "rt/study/setup_flow.hpp"
 
@@ -30,7 +31,8 @@ constexpr const char* kExample =
 
 struct Options {
   SetupSettings settings;
-  std::string out, rig;
+  std::string out, rig, patterns;
+  std::uint32_t seed = 1, phantom_seed = 1000;
   bool is_json = false;
 };
 
@@ -59,18 +61,27 @@ void report(const Options& options, const SetupOutcome& outcome) {
   fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 
-void run(const Options& options) {
+void prepare(Options& options) {
+  SetupSettings& s = options.settings;
+  s.rig = options.rig.empty()
+              ? virtual_rig({"--seed", fmt::format("{}", options.seed), "--phantom-seed",
+                             fmt::format("{}", options.phantom_seed)})
+              : rig_command(options.rig);
+  if (!options.patterns.empty())
+    s.pattern = pattern_for(s.zoom, read_best_patterns(options.patterns));
+}
+
+void run(Options options) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   cv::setNumThreads(options.settings.parameters.threads);
   bridge::catch_interrupts();
+  prepare(options);
   const SetupOutcome outcome =
-      run_setup(options.settings, options.out,
-                options.rig.empty() ? default_rig() : std::filesystem::path(options.rig),
-                [](const std::string& what) {
-                  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-                  // A refusal is one line on stderr: progress only where a person looks on.
-                  if (isatty(STDERR_FILENO) == 1) fmt::print(stderr, "\r\033[K{}", what);
-                });
+      run_setup(options.settings, options.out, [](const std::string& what) {
+        if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+        // A refusal is one line on stderr: progress only where a person looks on.
+        if (isatty(STDERR_FILENO) == 1) fmt::print(stderr, "\r\033[K{}", what);
+      });
   if (isatty(STDERR_FILENO) == 1) fmt::print(stderr, "\r\033[K");
   report(options, outcome);
   if (!outcome.refusal.empty()) throw RefusedError(outcome.refusal);
@@ -86,13 +97,16 @@ void run_demo_setup(std::vector<std::string> words) {
   app.add_option("--zoom", s.zoom, "Of the microscope")
       ->check(CLI::Range(1.1, 1.5))
       ->capture_default_str();
-  app.add_option("--seed", s.seed, "Of the rig")->capture_default_str();
-  app.add_option("--phantom-seed", s.phantom_seed, "The ear's shape; from 1000 on: held out")
+  app.add_option("--seed", options.seed, "Of the virtual rig")->capture_default_str();
+  app.add_option("--phantom-seed", options.phantom_seed, "The ear's shape; from 1000 on: held out")
       ->capture_default_str();
   app.add_option("--pairs", s.calibration_pairs, "Calibration pairs")
       ->check(CLI::Range(6, 200))
       ->capture_default_str();
-  app.add_option("--rig", options.rig, "The rig's program (default: holdfast-sim beside this)");
+  app.add_option("--rig", options.rig,
+                 "Command of the rig (default: holdfast-sim rig beside this)");
+  app.add_option("--patterns", options.patterns,
+                 "patterns.toml of optimize-pattern (default: the default dots)");
   app.add_option("--threads", s.parameters.threads, "Of the computation")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();

@@ -20,8 +20,9 @@
 #include "bridge/command_line.hpp"
 #include "rt/commands/rig_commands.hpp"
 #include "rt/core/error.hpp"
+#include "rt/study/illumination.hpp"
+#include "rt/study/pattern_choice.hpp"
 #include "rt/study/rig.hpp"
-#include "rt/study/room.hpp"
 #include "rt/study/study_report.hpp"
 
 namespace holdfast::rt {
@@ -36,12 +37,13 @@ constexpr const char* kExample =
     "settings\n"
     "are in study.json before the first image is made. A rig is a program that answers requests "
     "as\n"
-    "`holdfast-sim serve` does.";
+    "`holdfast-sim rig` does.";
 
 struct Options {
   StudySettings settings;
   registration::PatternParameters pattern;
-  std::string out, rig;
+  std::string out, rig, patterns;
+  std::uint32_t phantom_seed = 1000;
   bool is_lattice = false, is_json = false;
 };
 
@@ -70,7 +72,15 @@ void prepare(Options& options) {
   if (const auto invalid = registration::invalid_pattern(options.pattern))
     throw InputError(*invalid);
   options.settings.patterns.assign(zooms.size(), options.pattern);
-  if (options.rig.empty()) options.rig = default_rig().string();
+  if (!options.patterns.empty()) {
+    const auto best = read_best_patterns(options.patterns);
+    for (std::size_t i = 0; i < zooms.size(); ++i)
+      options.settings.patterns[i] = pattern_for(zooms[i], best);
+  }
+  options.settings.rig =
+      options.rig.empty() ? virtual_rig({"--seed", fmt::format("{}", options.settings.seed),
+                                         "--phantom-seed", fmt::format("{}", options.phantom_seed)})
+                          : rig_command(options.rig);
 }
 
 std::string bytes_of(const std::filesystem::path& file) {
@@ -131,7 +141,7 @@ void run(Options options) {
   StudyResult result;
   {
     const ClearLine clear;
-    result = run_study(options.settings, options.out, options.rig, show);
+    result = run_study(options.settings, options.out, show);
   }
   write_results(options, result);
   report(options, result);
@@ -152,9 +162,11 @@ void add_study(CLI::App& app) {
   study->add_option("--repeats", s.repeats, "Positions of the ear for each zoom and light")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  study->add_option("--seed", s.seed, "Of the rig, the positions and the drawing")
+  study->add_option("--seed", s.seed, "Of the virtual rig, the positions and the drawing")
       ->capture_default_str();
-  study->add_option("--phantom-seed", s.phantom_seed, "The ear's shape; from 1000 on: held out")
+  study
+      ->add_option("--phantom-seed", options->phantom_seed,
+                   "The ear's shape; from 1000 on: held out")
       ->capture_default_str();
   study->add_option("--pairs", s.calibration_pairs, "Calibration pairs a zoom")
       ->check(CLI::Range(6, 200))
@@ -166,8 +178,11 @@ void add_study(CLI::App& app) {
       ->capture_default_str();
   study->add_option("--distance", options->pattern.distance_px, "Adaptive pattern: gap, px")
       ->capture_default_str();
+  study->add_option("--patterns", options->patterns,
+                    "patterns.toml of optimize-pattern, in place of --dots and --distance");
   study->add_flag("--lattice", options->is_lattice, "Paper A's regular pattern");
-  study->add_option("--rig", options->rig, "The rig's program (default: holdfast-sim beside this)");
+  study->add_option("--rig", options->rig,
+                    "Command of the rig (default: holdfast-sim rig beside this)");
   study->add_option("--threads", s.setup.threads, "Of the reconstruction")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();

@@ -1,81 +1,172 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rt/study/rig.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cerrno>
 #include <csignal>
 #include <cstring>
+#include <sstream>
+#include <utility>
 
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <poll.h>
-#include <sys/prctl.h>
+#include <spawn.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "bridge/command_line.hpp"
+#include "bridge/image_file.hpp"
 #include "rt/core/error.hpp"
+
+extern char** environ;
 
 namespace holdfast::rt {
 namespace {
 
 using nlohmann::json;
+namespace fs = std::filesystem;
 
 constexpr int kPollMs = 200;
 constexpr int kPatienceMs = 1000;
 
-/// In the child, between fork and exec: async-signal-safe calls only.
-[[noreturn]] void become(const char* program, char* const* arguments, int in, int out,
-                         pid_t parent) {
-  prctl(PR_SET_PDEATHSIG, SIGKILL);
-  if (getppid() != parent) _exit(127);  // the parent died before prctl
-  dup2(in, STDIN_FILENO);
-  dup2(out, STDOUT_FILENO);
-  // Its failures are answers; what it says beside them would be a second line of ours.
-  dup2(open("/dev/null", O_WRONLY | O_CLOEXEC), STDERR_FILENO);
-  execv(program, arguments);
-  _exit(127);
+/// Starts it with these as stdin, stdout and stderr. Returns the error number, 0 when it runs.
+int start(const RigCommand& command, std::array<int, 3> streams, pid_t& pid) {
+  RigCommand words = command;
+  std::vector<char*> arguments;
+  for (std::string& word : words) arguments.push_back(word.data());
+  arguments.push_back(nullptr);
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  for (std::size_t i = 0; i < streams.size(); ++i)
+    posix_spawn_file_actions_adddup2(&actions, streams[i], static_cast<int>(i));
+  const int error = posix_spawnp(&pid, arguments[0], &actions, nullptr, arguments.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  return error;
+}
+
+registration::StereoShot read_pair(const fs::path& folder, const std::string& suffix) {
+  return {bridge::read_image_file((folder / ("left" + suffix + ".png")).string()),
+          bridge::read_image_file((folder / ("right" + suffix + ".png")).string())};
+}
+
+double figure(const json& answer, const char* key) {
+  const json value = answer.value(key, json());
+  return value.is_number() ? value.get<double>() : DepthJudgement::kUnknown;
 }
 
 }  // namespace
 
-std::filesystem::path default_rig() {
-  return std::filesystem::read_symlink("/proc/self/exe").parent_path() / "holdfast-sim";
+RigCommand rig_command(const std::string& text) {
+  std::istringstream words(text);
+  RigCommand command;
+  for (std::string word; words >> word;) command.push_back(word);
+  if (command.empty()) throw InputError("--rig: a command is needed");
+  return command;
 }
 
-Rig::Rig(const std::filesystem::path& program) : name_(program.string()) {
-  if (access(program.c_str(), X_OK) != 0)
-    throw UnavailableError(fmt::format("{}: {}", name_, std::strerror(errno)));
-  // A socket for the requests: a rig that has ended must not end us by SIGPIPE.
-  std::array<int, 2> asked{}, answered{};
-  if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, asked.data()) != 0 ||
+std::string rig_text(const RigCommand& command) {
+  std::string text = fs::path(command.at(0)).filename().string();
+  for (std::size_t i = 1; i < command.size(); ++i) text += " " + command[i];
+  return text;
+}
+
+RigCommand virtual_rig(const std::vector<std::string>& arguments) {
+  const fs::path here = fs::read_symlink("/proc/self/exe").parent_path();
+  RigCommand command{(here / "holdfast-sim").string(), "rig"};
+  command.insert(command.end(), arguments.begin(), arguments.end());
+  return command;
+}
+
+Rig::Rig(RigCommand command) : name_("--rig " + command.at(0)) {
+  // A socket for the requests: a rig that has ended must not end us by SIGPIPE. What it complains
+  // of goes into memory: a refusal is one line of ours.
+  std::array<int, 2> asked{-1, -1}, answered{-1, -1};
+  complaints_ = memfd_create("rig", MFD_CLOEXEC);
+  int error = 0;
+  if (complaints_ < 0 || socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, asked.data()) != 0 ||
       pipe2(answered.data(), O_CLOEXEC) != 0)
-    throw UnavailableError(fmt::format("{}: no pipe: {}", name_, std::strerror(errno)));
-  std::string word = "serve";
-  std::array<char*, 3> arguments{name_.data(), word.data(), nullptr};
-  const pid_t parent = getpid();
-  pid_ = fork();
-  if (pid_ == 0) become(name_.c_str(), arguments.data(), asked[1], answered[1], parent);
-  const int error = errno;
-  close(asked[1]);
-  close(answered[1]);
+    error = errno;
+  else
+    error = start(command, {asked[1], answered[1], complaints_}, pid_);
+  for (const int end : {asked[1], answered[1]})
+    if (end >= 0) close(end);
   to_rig_ = asked[0];
   from_rig_ = answered[0];
-  if (pid_ < 0) throw UnavailableError(fmt::format("{}: fork: {}", name_, std::strerror(error)));
+  if (error == 0) return;
+  for (const int end : {to_rig_, from_rig_, complaints_})
+    if (end >= 0) close(end);
+  throw UnavailableError(fmt::format("{}: cannot be started: {}", name_, std::strerror(error)));
 }
 
 Rig::~Rig() {
   close(to_rig_);
   close(from_rig_);
-  if (pid_ < 0) return;
   const int handle = static_cast<int>(syscall(SYS_pidfd_open, pid_, 0));
   pollfd ended{handle, POLLIN, 0};
   if (handle < 0 || poll(&ended, 1, kPatienceMs) != 1) kill(pid_, SIGKILL);
   if (handle >= 0) close(handle);
   waitpid(pid_, nullptr, 0);
+  close(complaints_);
+}
+
+void Rig::boards(double zoom, int pairs, const fs::path& out) {
+  (void)request({{"do", "boards"}, {"zoom", zoom}, {"pairs", pairs}, {"out", out.string()}});
+}
+
+void Rig::ct(const fs::path& out) {
+  (void)request({{"do", "ct"}, {"out", out.string()}});
+}
+
+RigPair Rig::pair(const PairRequest& wanted) {
+  std::error_code ignored;  // images of an earlier request cannot be taken for these
+  for (const char* name : {"left.png", "right.png", "left_off.png", "right_off.png"})
+    fs::remove(wanted.out / name, ignored);
+  json what{{"do", "pair"},
+            {"out", wanted.out.string()},
+            {"zoom", wanted.zoom},
+            {"pose", wanted.pose},
+            {"off", wanted.has_off}};
+  if (!wanted.lamps.empty()) what["lamps"] = wanted.lamps;
+  if (!wanted.pattern.empty()) what["pattern"] = wanted.pattern;
+  (void)request(what);
+  RigPair pair{read_pair(wanted.out, ""), {}};
+  if (wanted.has_off) pair.off = read_pair(wanted.out, "_off");
+  return pair;
+}
+
+DepthJudgement Rig::depth_error(const DepthQuestion& question) {
+  const json answer = request({{"do", "depth-error"},
+                               {"zoom", question.zoom},
+                               {"pose", question.pose},
+                               {"depth", question.depth.string()},
+                               {"calibration", question.calibration.string()}});
+  DepthJudgement judgement;
+  judgement.coverage = figure(answer, "coverage");
+  judgement.median_mm = figure(answer, "median_mm");
+  judgement.mean_mm = figure(answer, "mean_mm");
+  judgement.p95_mm = figure(answer, "p95_mm");
+  judgement.share_over_1_mm = figure(answer, "share_over_1_mm");
+  judgement.share_over_1_mm_off_edges = figure(answer, "share_over_1_mm_off_edges");
+  return judgement;
+}
+
+void Rig::report_end() const {
+  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+  std::string said(4096, '\0');
+  const off_t size = lseek(complaints_, 0, SEEK_END);
+  const off_t from = std::max<off_t>(0, size - static_cast<off_t>(said.size()));
+  const ssize_t count = pread(complaints_, said.data(), said.size(), from);
+  said.resize(count > 0 ? static_cast<std::size_t>(count) : 0);
+  while (!said.empty() && said.back() == '\n') said.pop_back();
+  const std::string last = said.substr(said.rfind('\n') + 1);
+  throw UnavailableError(
+      fmt::format("{}: has ended{}{}", name_, last.empty() ? "" : ", its last words: ", last));
 }
 
 std::string Rig::read_line() {
@@ -91,10 +182,7 @@ std::string Rig::read_line() {
     std::array<char, 4096> bytes{};
     const ssize_t count = read(from_rig_, bytes.data(), bytes.size());
     if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) {
-      if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-      throw UnavailableError(fmt::format("{}: the rig has ended", name_));
-    }
+    if (count <= 0) report_end();
     unread_.append(bytes.data(), static_cast<std::size_t>(count));
   }
 }
@@ -104,15 +192,15 @@ json Rig::request(const json& what) {
   for (std::size_t sent = 0; sent < line.size();) {
     const ssize_t count = send(to_rig_, line.data() + sent, line.size() - sent, MSG_NOSIGNAL);
     if (count < 0 && errno == EINTR) continue;
-    if (count <= 0) throw UnavailableError(fmt::format("{}: the rig has ended", name_));
+    if (count <= 0) report_end();
     sent += static_cast<std::size_t>(count);
   }
   const std::string text = read_line();
   json answer = json::parse(text, nullptr, false);
   if (answer.is_discarded() || !answer.is_object())
     throw UnavailableError(fmt::format("{}: answered no JSON object: {}", name_, text));
-  if (answer.contains("error"))
-    throw RefusedError(fmt::format("rig: {}", answer.at("error").get<std::string>()));
+  if (const auto error = answer.find("error"); error != answer.end())
+    throw RefusedError("rig: " + (error->is_string() ? error->get<std::string>() : error->dump()));
   return answer;
 }
 

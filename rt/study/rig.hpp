@@ -1,39 +1,89 @@
 // SPDX-License-Identifier: Apache-2.0
 // A rig (microscope, projector, phantom and its CT scanner) as a program on two pipes: one JSON
-// object a line, asked and answered. The virtual one is `holdfast-sim serve`; a real one would be
-// another program with the same requests. What it knows of the truth stays in it: only the request
-// "depth-error" is answered from it, with figures.
+// object a line, asked and answered. The virtual one is `holdfast-sim rig`; a real one is another
+// program with the same requests (docs/interfaces.md, "Rig"). What it knows of the truth stays in
+// it: only "depth-error" is answered from it, with figures.
 #pragma once
 
 #include <filesystem>
+#include <limits>
 #include <string>
+#include <vector>
 
 #include <nlohmann/json_fwd.hpp>
 #include <sys/types.h>
 
+#include "registration/reconstruction.hpp"
+
 namespace holdfast::rt {
 
-/// `holdfast-sim` beside the running program.
-[[nodiscard]] std::filesystem::path default_rig();
+/// A program and its arguments; the first is looked up in PATH.
+using RigCommand = std::vector<std::string>;
+
+/// Split at spaces. Throws InputError for an empty one.
+[[nodiscard]] RigCommand rig_command(const std::string& text);
+/// The command in one line, without the program's folder.
+[[nodiscard]] std::string rig_text(const RigCommand& command);
+/// `holdfast-sim rig` beside the running program, with further arguments.
+[[nodiscard]] RigCommand virtual_rig(const std::vector<std::string>& arguments);
+
+/// One stereo pair. Folders and files as absolute paths: the rig may run elsewhere.
+struct PairRequest {
+  std::filesystem::path out;  ///< folder for its images
+  double zoom = 0;
+  int pose = 0;          ///< of the object, 0 on; the same number is the same pose
+  std::string lamps;     ///< filtered, or, microscope; empty: as the rig stands
+  std::string pattern;   ///< a file (800x600, 8 bit), "random" (diffractive); empty: none
+  bool has_off = false;  ///< also a pair of the same pose without the pattern, markers visible
+};
+
+struct RigPair {
+  registration::StereoShot shot;
+  registration::StereoShot off;  ///< only with PairRequest::has_off
+};
+
+/// Depth map against what the microscope truly saw. NaN: nothing is known there.
+struct DepthJudgement {
+  static constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
+  double coverage = kUnknown;  ///< share of what both cameras see
+  double median_mm = kUnknown, mean_mm = kUnknown, p95_mm = kUnknown;
+  double share_over_1_mm = kUnknown, share_over_1_mm_off_edges = kUnknown;
+};
+struct DepthQuestion {
+  std::filesystem::path depth;        ///< TIFF, rectified left grid
+  std::filesystem::path calibration;  ///< stereo.yaml it was made with
+  double zoom = 0;
+  int pose = 0;
+};
 
 class Rig {
  public:
-  /// Starts `program serve`. Throws UnavailableError.
-  explicit Rig(const std::filesystem::path& program);
+  /// Starts the command. Throws UnavailableError when it cannot be.
+  explicit Rig(RigCommand command);
   /// Ends the program: it ends with its input, and is killed when it does not within a second.
   ~Rig();
   Rig(const Rig&) = delete;
   Rig& operator=(const Rig&) = delete;
 
-  /// One thread at a time. Throws RefusedError with the rig's own line when it could not do it,
-  /// UnavailableError when the program has ended, InterruptedError after SIGINT or SIGTERM.
-  [[nodiscard]] nlohmann::json request(const nlohmann::json& what);
+  // All: one thread at a time. Throw RefusedError with the rig's own line when it could not do it,
+  // UnavailableError with its last line on stderr when it has ended, InterruptedError after SIGINT
+  // or SIGTERM, InputError for an unreadable image.
+
+  /// out/zoom_Z/left_NN.png and right_NN.png: `pairs` views of the calibration board.
+  void boards(double zoom, int pairs, const std::filesystem::path& out);
+  /// The object's CT as DICOM files in `out`.
+  void ct(const std::filesystem::path& out);
+  [[nodiscard]] RigPair pair(const PairRequest& wanted);
+  /// Only of a rig that knows the truth.
+  [[nodiscard]] DepthJudgement depth_error(const DepthQuestion& question);
 
  private:
+  [[nodiscard]] nlohmann::json request(const nlohmann::json& what);
   [[nodiscard]] std::string read_line();
+  [[noreturn]] void report_end() const;
   std::string name_, unread_;
   pid_t pid_ = -1;
-  int to_rig_ = -1, from_rig_ = -1;
+  int to_rig_ = -1, from_rig_ = -1, complaints_ = -1;
 };
 
 }  // namespace holdfast::rt

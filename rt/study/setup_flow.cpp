@@ -12,11 +12,12 @@
 #include "bridge/atomic_file.hpp"
 #include "bridge/depth_file.hpp"
 #include "registration/ct_registration.hpp"
+#include "registration/pattern_table.hpp"
 #include "registration/transform_file.hpp"
 #include "rt/core/error.hpp"
 #include "rt/study/fiducial_region.hpp"
+#include "rt/study/illumination.hpp"
 #include "rt/study/rig.hpp"
-#include "rt/study/room.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -35,9 +36,9 @@ std::string camera_text(const cv::Size& size, const registration::ZoomCalibratio
 
 class Setup {
  public:
-  Setup(const SetupSettings& settings, const fs::path& folder, const fs::path& rig,
+  Setup(const SetupSettings& settings, const fs::path& folder,
         const std::function<void(const std::string&)>& tell)
-      : settings_(settings), folder_(fs::absolute(folder)), rig_(rig), tell_(tell) {}
+      : settings_(settings), folder_(fs::absolute(folder)), rig_(settings.rig), tell_(tell) {}
 
   SetupOutcome run() {
     prepare_folder();
@@ -79,36 +80,18 @@ class Setup {
     cv::imencode(".png", image, bytes);
     write(name, {bytes.begin(), bytes.end()});
   }
-  void ask(const char* what, Illumination illumination, const char* out) {
-    Room room;
-    room.seed = settings_.seed;
-    room.phantom = settings_.phantom;
-    room.phantom_seed = settings_.phantom_seed;
-    room.zoom = settings_.zoom;
-    room.calibration_pairs = settings_.calibration_pairs;
-    room.illumination = illumination;
-    room.pattern = folder_ / "pattern.png";
-    write("room.toml", room_text(room));
-    (void)rig_.request({{"do", what},
-                        {"config", (folder_ / "room.toml").string()},
-                        {"out", (folder_ / out).string()},
-                        {"off_or_light", kMarkerOrLight},
-                        {"pose", 0}});
-  }
-
   std::string calibrate() {
-    ask("calibration", Illumination::or_light, "boards");
+    rig_.boards(settings_.zoom, settings_.calibration_pairs, folder_ / "boards");
     const auto outcome = calibrate_images(folder_ / "boards", settings_.parameters, tell_);
     write("stereo.yaml", registration::stereo_calibration_text(outcome.calibration));
     size_ = {outcome.calibration.image_width_px, outcome.calibration.image_height_px};
     zoom_ = registration::calibration_at_zoom(outcome.calibration, settings_.zoom);
-    write("camera.yaml", camera_text(size_, zoom_));
     return fmt::format("{} pairs, {:.3f} px rms, non-rigid error predicted {:.3f} mm",
                        zoom_.pairs_used, zoom_.rms_px, outcome.zooms.front().predicted_nonrigid_mm);
   }
 
   std::string scan() {
-    ask("ct", Illumination::or_light, "dicom");
+    rig_.ct(folder_ / "dicom");
     ct_ = read_ct_side(folder_ / "dicom", settings_.parameters);
     write("ct.ply", registration::ply_bytes(ct_.surface));
     write("fiducials.mrk.json", registration::markups_text(ct_.beads));
@@ -118,14 +101,25 @@ class Setup {
 
   std::string project() {
     write_png("pattern.png", registration::make_pattern(settings_.pattern));
-    ask("stereo", Illumination::adaptive, "pair");
-    shot_ = read_pair(folder_ / "pair", "");
-    off_ = read_pair(folder_ / "pair", "_off");
-    return fmt::format("dots of {:g} px, {:g} px apart, aperiodic", settings_.pattern.dot_px,
-                       settings_.pattern.distance_px);
+    PairRequest request = lit_by(Illumination::adaptive, folder_ / "pattern.png");
+    request.out = folder_ / "pair";
+    request.zoom = settings_.zoom;
+    const RigPair pair = rig_.pair(request);
+    shot_ = pair.shot;
+    off_ = pair.off;
+    return fmt::format("dots of {:g} px, {:g} px apart, {}", settings_.pattern.dot_px,
+                       settings_.pattern.distance_px, registration::name(settings_.pattern.kind));
   }
 
+  /// The markers come first: they show how the zoom is seated at this visit.
   std::string reconstruct() {
+    const registration::MarkerSet markers = locate_beads(off_, zoom_, settings_.parameters);
+    beads_ = registration::markups_of(markers);
+    write("markers.mrk.json", registration::markups_text(beads_));
+    zoom_ = markers.calibration;
+    write("seated.yaml",
+          registration::stereo_calibration_text({size_.width, size_.height, {zoom_}}));
+    write("camera.yaml", camera_text(size_, zoom_));
     registration::ReconstructionOptions options;
     options.threads = settings_.parameters.threads;
     registration::Reconstructor reconstructor(zoom_, size_, options);
@@ -173,8 +167,7 @@ class Setup {
   std::string register_ct() {
     registration::RegistrationInput input;
     input.fixed = ct_.beads;
-    input.moving = locate_beads(off_, zoom_, settings_.parameters);
-    write("markers.mrk.json", registration::markups_text(input.moving));
+    input.moving = beads_;
     input.targets_ct_mm = targets(registered(input).registration.T_camera_ct);
     input.fixed_surface = ct_.surface;
     input.moving_surface = mire_;
@@ -211,6 +204,7 @@ class Setup {
   registration::ZoomCalibration zoom_;
   CtSide ct_;
   registration::StereoShot shot_, off_;
+  registration::Markups beads_;  // below the markers, frame camera
   registration::TriangleMesh mire_;
 };
 
@@ -235,9 +229,9 @@ cv::Mat1f depth_for_camera(const cv::Mat1f& rectified_mm,
   return depth;
 }
 
-SetupOutcome run_setup(const SetupSettings& settings, const fs::path& folder, const fs::path& rig,
+SetupOutcome run_setup(const SetupSettings& settings, const fs::path& folder,
                        const std::function<void(const std::string&)>& tell) {
-  return Setup(settings, folder, rig, tell).run();
+  return Setup(settings, folder, tell).run();
 }
 
 }  // namespace holdfast::rt

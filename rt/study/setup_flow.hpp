@@ -11,15 +11,14 @@
 #include <vector>
 
 #include "registration/pattern.hpp"
+#include "rt/study/rig.hpp"
 #include "rt/study/stages.hpp"
 
 namespace holdfast::rt {
 
 struct SetupSettings {
   double zoom = 1.3;
-  std::uint32_t seed = 1;
-  std::string phantom = "ear";
-  std::uint32_t phantom_seed = 1000;
+  RigCommand rig;
   int calibration_pairs = 19;
   registration::PatternParameters pattern;
   double deep_target_mm = 15;  ///< the second target lies this far below the surface
@@ -40,12 +39,12 @@ struct SetupOutcome {
 };
 
 /// Writes to `folder`: boards/, dicom/, pair/, stereo.yaml, ct.ply, fiducials.mrk.json,
-/// markers.mrk.json, pattern.png, mire.ply, camera.yaml and keyframe.png with depth.tiff (on its
-/// undistorted grid), T.tfm, registration.json. A registration.json that stood there before is
-/// removed first: whatever is refused leaves none. Throws as the rig, and InputError.
+/// markers.mrk.json, pattern.png, mire.ply, seated.yaml, camera.yaml and keyframe.png with
+/// depth.tiff (on its undistorted grid), T.tfm, registration.json. A registration.json that stood
+/// there before is removed first: whatever is refused leaves none. Throws as the rig, and
+/// InputError.
 [[nodiscard]] SetupOutcome run_setup(const SetupSettings& settings,
                                      const std::filesystem::path& folder,
-                                     const std::filesystem::path& rig,
                                      const std::function<void(const std::string&)>& tell);
 
 /// A depth map of the rectified left camera, seen by the left camera itself without distortion

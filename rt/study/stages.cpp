@@ -61,23 +61,19 @@ CtSide read_ct_side(const std::filesystem::path& dicom, const SetupParameters& p
   return side;
 }
 
-registration::Markups locate_beads(const registration::StereoShot& frames,
-                                   const registration::ZoomCalibration& calibration,
-                                   const SetupParameters& parameters) {
+registration::MarkerSet locate_beads(const registration::StereoShot& frames,
+                                     const registration::ZoomCalibration& calibration,
+                                     const SetupParameters& parameters) {
   const int dictionary = registration::marker_dictionary("4x4_50");
   registration::MarkerOptions options;
   options.offset_mm = parameters.bead_below_marker_mm;
-  return registration::markups_of(registration::locate_markers(
+  options.marker_mm = parameters.marker_mm;
+  return registration::locate_markers(
       registration::detect_markers(frames.left, dictionary, calibration.camera_matrix_left,
                                    calibration.distortion_left),
       registration::detect_markers(frames.right, dictionary, calibration.camera_matrix_right,
                                    calibration.distortion_right),
-      calibration, options));
-}
-
-registration::StereoShot read_pair(const std::filesystem::path& folder, const std::string& suffix) {
-  return {bridge::read_image_file((folder / ("left" + suffix + ".png")).string()),
-          bridge::read_image_file((folder / ("right" + suffix + ".png")).string())};
+      calibration, options);
 }
 
 }  // namespace holdfast::rt

@@ -21,7 +21,8 @@ struct SetupParameters {
   registration::BoardPattern board{9, 5, 3};  ///< inner corners, side in mm
   double bead_diameter_mm = 1.5;
   double bead_below_marker_mm = 1.0;
-  double iso_hu = -400;  ///< between air and the model's plastic (or skin)
+  double marker_mm = 8.0;  ///< side of the black square
+  double iso_hu = -400;    ///< between air and the model's plastic (or skin)
   int threads = 2;
 };
 
@@ -38,13 +39,10 @@ struct CtSide {
 [[nodiscard]] CtSide read_ct_side(const std::filesystem::path& dicom,
                                   const SetupParameters& parameters);
 
-/// `markers --offset-mm`: the beads below the markers, camera frame. Pattern-off frames.
-[[nodiscard]] registration::Markups locate_beads(const registration::StereoShot& frames,
-                                                 const registration::ZoomCalibration& calibration,
-                                                 const SetupParameters& parameters);
-
-/// DIR/left<suffix>.png and right<suffix>.png.
-[[nodiscard]] registration::StereoShot read_pair(const std::filesystem::path& folder,
-                                                 const std::string& suffix);
+/// `markers --offset-mm --marker-mm --seated`: the beads below the markers, camera frame, and the
+/// calibration as these frames show it. Pattern-off frames.
+[[nodiscard]] registration::MarkerSet locate_beads(const registration::StereoShot& frames,
+                                                   const registration::ZoomCalibration& calibration,
+                                                   const SetupParameters& parameters);
 
 }  // namespace holdfast::rt

@@ -15,8 +15,8 @@
 #include "bridge/atomic_file.hpp"
 #include "bridge/depth_file.hpp"
 #include "rt/core/error.hpp"
+#include "rt/study/illumination.hpp"
 #include "rt/study/rig.hpp"
-#include "rt/study/room.hpp"
 #include "rt/study/study_pair.hpp"
 
 namespace holdfast::rt {
@@ -55,9 +55,8 @@ json as_json(const StudySettings& s) {
                         {"seed", p.seed}});
   return {{"zooms", s.zooms},
           {"repeats", s.repeats},
+          {"rig", rig_text(s.rig)},
           {"seed", s.seed},
-          {"phantom", s.phantom},
-          {"phantom_seed", s.phantom_seed},
           {"calibration_pairs", s.calibration_pairs},
           {"points", s.points},
           {"iso_hu", s.setup.iso_hu},
@@ -84,9 +83,8 @@ void freeze(const StudySettings& settings, const fs::path& folder) {
 
 class Study {
  public:
-  Study(const StudySettings& settings, fs::path folder, const fs::path& rig,
-        const StudyProgress& progress)
-      : settings_(settings), folder_(std::move(folder)), rig_program_(rig), progress_(progress) {
+  Study(const StudySettings& settings, const fs::path& folder, const StudyProgress& progress)
+      : settings_(settings), folder_(fs::absolute(folder)), progress_(progress) {
     all_ = static_cast<int>(settings_.zooms.size() * kIlluminations.size()) * settings_.repeats;
   }
 
@@ -116,37 +114,18 @@ class Study {
 
  private:
   Rig& rig() {
-    if (!rig_) rig_ = std::make_unique<Rig>(rig_program_);
+    if (!rig_) rig_ = std::make_unique<Rig>(settings_.rig);
     return *rig_;
   }
   void tell(const std::string& what) const { progress_(done_, all_, what); }
 
-  [[nodiscard]] fs::path write_room(const Room& room) const {
-    const fs::path file = fs::absolute(folder_ / "work" / "room.toml");
-    bridge::write_file_atomically(file.string(), room_text(room));
-    return file;
-  }
-  [[nodiscard]] Room room() const {
-    Room room;
-    room.seed = settings_.seed;
-    room.phantom = settings_.phantom;
-    room.phantom_seed = settings_.phantom_seed;
-    room.poses = settings_.repeats;
-    room.calibration_pairs = settings_.calibration_pairs;
-    return room;
-  }
-
   void calibrate() {
-    const fs::path out = folder_ / "stereo.yaml", images = fs::absolute(folder_ / "work/boards");
+    const fs::path out = folder_ / "stereo.yaml", images = folder_ / "work/boards";
     if (fs::exists(out)) return;
     fs::remove_all(images);
     for (const double zoom : settings_.zooms) {
       tell(fmt::format("calibration images at zoom {:g}", zoom));
-      Room boards = room();
-      boards.zoom = zoom;
-      boards.illumination = Illumination::or_light;
-      (void)rig().request(
-          {{"do", "calibration"}, {"config", write_room(boards)}, {"out", images.string()}});
+      rig().boards(zoom, settings_.calibration_pairs, images);
     }
     const registration::CalibrationOutcome outcome =
         calibrate_images(images, settings_.setup, [this](const std::string& what) { tell(what); });
@@ -156,12 +135,12 @@ class Study {
   }
 
   CtSide scan() {
-    const fs::path dicom = fs::absolute(folder_ / "dicom");
+    const fs::path dicom = folder_ / "dicom", fresh = folder_ / "work/dicom";
     if (!fs::exists(dicom)) {
       tell("CT");
-      Room scanner = room();
-      scanner.illumination = Illumination::or_light;
-      (void)rig().request({{"do", "ct"}, {"config", write_room(scanner)}, {"out", dicom.string()}});
+      fs::remove_all(fresh);
+      rig().ct(fresh);
+      fs::rename(fresh, dicom);  // whole, or not there
     }
     CtSide side = read_ct_side(dicom, settings_.setup);
     bridge::write_file_atomically((folder_ / "ct.ply").string(),
@@ -172,8 +151,8 @@ class Study {
   }
 
   [[nodiscard]] fs::path pattern_at(std::size_t zoom) const {
-    const fs::path file = fs::absolute(folder_ / "patterns" /
-                                       fmt::format("adaptive_{:g}.png", settings_.zooms[zoom]));
+    const fs::path file =
+        folder_ / "patterns" / fmt::format("adaptive_{:g}.png", settings_.zooms[zoom]);
     if (!fs::exists(file)) write_png(file, registration::make_pattern(settings_.patterns[zoom]));
     return file;
   }
@@ -201,42 +180,28 @@ class Study {
 
   std::vector<StudyRow> measure(const StudyBench& bench, std::size_t zoom,
                                 Illumination illumination, int repeat, bool has_heat_map) {
-    Room now = room();
-    now.zoom = settings_.zooms[zoom];
-    now.illumination = illumination;
-    now.pattern = pattern_at(zoom);
-    const fs::path work = fs::absolute(folder_ / "work/pair"), config = write_room(now);
-    (void)rig().request({{"do", "stereo"},
-                         {"config", config},
-                         {"out", work.string()},
-                         {"pose", repeat},
-                         {"off_or_light", kMarkerOrLight}});
-    StudyPair pair;
-    pair.shot = read_pair(work, "");
-    pair.markers = has_pattern(illumination) ? read_pair(work, "_off") : pair.shot;
+    const fs::path work = folder_ / "work/pair";
+    PairRequest request = lit_by(illumination, pattern_at(zoom));
+    request.out = work;
+    request.zoom = settings_.zooms[zoom];
+    request.pose = repeat;
+    const RigPair images = rig().pair(request);
+    StudyPair pair{images.shot, request.has_off ? images.off : images.shot};
     StudyRow identity;
-    identity.zoom = now.zoom;
+    identity.zoom = request.zoom;
     identity.illumination = name(illumination);
     identity.repeat = repeat;
-    const auto judge = [&](const cv::Mat& depth_mm, StudyRow& row) {
-      const std::string depth = (work / "depth.tiff").string();
-      bridge::write_depth_file(depth, depth_mm);
-      const json truth =
-          rig().request({{"do", "depth-error"},
-                         {"config", config},
-                         {"pose", repeat},
-                         {"depth", depth},
-                         {"calibration", fs::absolute(folder_ / "stereo.yaml").string()}});
-      const auto figure = [&truth](const char* key) {
-        const json value = truth.value(key, json());
-        return value.is_number() ? value.get<double>() : StudyRow::kUnknown;
-      };
-      row.coverage = figure("coverage");
-      row.truth_median_mm = figure("median_mm");
-      row.truth_mean_mm = figure("mean_mm");
-      row.truth_p95_mm = figure("p95_mm");
-      row.truth_over_1_mm = figure("share_over_1_mm");
-      row.truth_over_1_mm_off_edges = figure("share_over_1_mm_off_edges");
+    const auto judge = [&](const cv::Mat& depth_mm, const registration::ZoomCalibration& seated,
+                           StudyRow& row) {
+      const DepthQuestion question{work / "depth.tiff", work / "seated.yaml", request.zoom, repeat};
+      bridge::write_depth_file(question.depth.string(), depth_mm);
+      registration::StereoCalibration calibration;
+      calibration.image_width_px = pair.shot.left.cols;
+      calibration.image_height_px = pair.shot.left.rows;
+      calibration.zooms = {seated};
+      bridge::write_file_atomically(question.calibration.string(),
+                                    registration::stereo_calibration_text(calibration));
+      row.judge(rig().depth_error(question));
     };
     const auto keep = [&](const std::string& method, const cv::Mat& map) {
       if (!map.empty()) write_png(heat_file(illumination, method), map);
@@ -258,7 +223,7 @@ class Study {
   }
 
   const StudySettings& settings_;
-  const fs::path folder_, rig_program_;
+  const fs::path folder_;
   const StudyProgress& progress_;
   std::unique_ptr<Rig> rig_;
   StudyResult result_;
@@ -267,12 +232,12 @@ class Study {
 
 }  // namespace
 
-StudyResult run_study(const StudySettings& settings, const fs::path& folder, const fs::path& rig,
+StudyResult run_study(const StudySettings& settings, const fs::path& folder,
                       const StudyProgress& progress) {
   if (settings.patterns.size() != settings.zooms.size())
     throw InputError(
         fmt::format("{} patterns for {} zooms", settings.patterns.size(), settings.zooms.size()));
-  return Study(settings, folder, rig, progress).run();
+  return Study(settings, folder, progress).run();
 }
 
 }  // namespace holdfast::rt

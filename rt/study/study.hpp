@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "registration/pattern.hpp"
+#include "rt/study/rig.hpp"
 #include "rt/study/stages.hpp"
 #include "rt/study/study_row.hpp"
 
@@ -19,9 +20,8 @@ namespace holdfast::rt {
 struct StudySettings {
   std::vector<double> zooms{1.1, 1.2, 1.3, 1.4, 1.5};
   int repeats = 10;
-  std::uint32_t seed = 1;
-  std::string phantom = "ear";
-  std::uint32_t phantom_seed = 1000;
+  RigCommand rig;          ///< another rig is another study
+  std::uint64_t seed = 1;  ///< of the drawing
   int calibration_pairs = 19;
   int points = 5000;  ///< drawn of each reconstruction, as in the paper
 
@@ -49,7 +49,6 @@ struct StudyResult {
 /// the rig; a reconstruction or registration that is refused is a row, no error.
 [[nodiscard]] StudyResult run_study(const StudySettings& settings,
                                     const std::filesystem::path& folder,
-                                    const std::filesystem::path& rig,
                                     const StudyProgress& progress);
 
 }  // namespace holdfast::rt

@@ -37,12 +37,17 @@ Isometry3d as_rotation(const cv::Matx33d& m) {
 }
 
 /// Horn's fit of the beads, as in the paper; the surfaces that are to be judged have no say in it.
+/// `seated` becomes the calibration as the markers show it.
 std::optional<Isometry3d> register_by_markers(const StudyBench& bench, const StudyPair& pair,
+                                              registration::ZoomCalibration& seated,
                                               StudyRow& row) {
   try {
     registration::RegistrationInput input;
     input.fixed = bench.ct.beads;
-    input.moving = locate_beads(pair.markers, bench.calibration, bench.setup);
+    const registration::MarkerSet markers =
+        locate_beads(pair.markers, bench.calibration, bench.setup);
+    seated = markers.calibration;
+    input.moving = registration::markups_of(markers);
     for (registration::Markups* points :
          {&input.fixed, &input.moving}) {  // Horn weighs them equally
       points->joint_covariance_mm2.resize(0, 0);
@@ -103,7 +108,8 @@ std::vector<StudyRow> measure_pair(
     const DepthJudge& judge,
     const std::function<void(const std::string& method, const cv::Mat&)>& heat_map) {
   StudyRow common = identity;
-  const auto T_camera_ct = register_by_markers(bench, pair, common);
+  registration::ZoomCalibration seated = bench.calibration;
+  const auto T_camera_ct = register_by_markers(bench, pair, seated, common);
   std::vector<StudyRow> rows;
   for (const Method& method : kMethods) {
     StudyRow& row = rows.emplace_back(common);
@@ -111,7 +117,7 @@ std::vector<StudyRow> measure_pair(
     registration::ReconstructionOptions options;
     options.method = method.method;
     options.threads = bench.setup.threads;
-    registration::Reconstructor reconstructor(bench.calibration, pair.shot.left.size(), options);
+    registration::Reconstructor reconstructor(seated, pair.shot.left.size(), options);
     const Reconstruction surface = reconstructor.reconstruct({&pair.shot, 1});
     row.time_ms = std::chrono::duration<double, std::milli>(surface.times.total).count();
     if (surface.status != registration::ReconstructionStatus::done) {
@@ -122,7 +128,7 @@ std::vector<StudyRow> measure_pair(
     row.density = surface.density;
     judge(registration::on_whole_grid(surface.depth_mm, surface.region_px,
                                       reconstructor.rectification().size_px, std::nanf("")),
-          row);
+          seated, row);
     if (!T_camera_ct) continue;
     const Isometry3d T_rectified_ct = as_rotation(reconstructor.rectification().R1) * *T_camera_ct;
     const registration::TriangleMesh cloud =

@@ -30,10 +30,12 @@ struct StudyPair {
   registration::StereoShot shot, markers;  ///< `markers`: without the pattern
 };
 
-/// Judges a depth map (float TIFF beside the pair) against the truth; fills `row`'s figures.
-using DepthJudge = std::function<void(const cv::Mat& depth_mm, StudyRow& row)>;
+/// Judges a depth map, made with `seated`, against the truth; fills `row`'s figures.
+using DepthJudge = std::function<void(const cv::Mat& depth_mm,
+                                      const registration::ZoomCalibration& seated, StudyRow& row)>;
 
-/// One row a method. `heat_map`, if given, is called with the method and the finished picture.
+/// One row a method. Both reconstruct with the calibration as the markers show the zoom seated.
+/// `heat_map`, if given, is called with the method and the finished picture.
 [[nodiscard]] std::vector<StudyRow> measure_pair(
     const StudyBench& bench, const StudyPair& pair, const StudyRow& identity,
     const DepthJudge& judge,

@@ -8,7 +8,8 @@
 
 #include <fmt/format.h>
 
-#include "rt/study/room.hpp"
+#include "registration/pattern_table.hpp"
+#include "rt/study/illumination.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -94,12 +95,13 @@ class Page {
         "was computed twice: by Holdfast and by OpenCV's semi-global matcher (SGBM), which is what "
         "the published study used. Each surface was laid onto the CT by four markers alone and "
         "{} of its points compared with it. {} reconstructions; microscope calibrated to {} px "
-        "(rms, worst zoom); ear shape {}, seed {}. Shapes from 1000 on are kept for evaluation: "
+        "(rms, worst zoom); rig <code>{}</code>. Ear shapes (--phantom-seed) from 1000 on are kept "
+        "for evaluation: "
         "every setting was written down (<code>study.json</code>) before their first image was "
         "made.</p>\n",
         settings_.zooms.size(), settings_.zooms.size() == 1 ? "" : "s", settings_.repeats,
         settings_.repeats == 1 ? "" : "s", settings_.points, rows_.size(),
-        number(calibration_rms_px, 3), settings_.phantom_seed, settings_.seed);
+        number(calibration_rms_px, 3), escaped(rig_text(settings_.rig)));
   }
 
   [[nodiscard]] std::string table2() const {
@@ -183,8 +185,7 @@ class Page {
     for (std::size_t i = 0; i < settings_.zooms.size() && i < settings_.patterns.size(); ++i) {
       const registration::PatternParameters& p = settings_.patterns[i];
       html += fmt::format("<tr><td>{:g}</td><td>{:g}</td><td>{:g}</td><td>{}</td></tr>\n",
-                          settings_.zooms[i], p.dot_px, p.distance_px,
-                          p.kind == registration::PatternKind::lattice ? "regular" : "aperiodic");
+                          settings_.zooms[i], p.dot_px, p.distance_px, registration::name(p.kind));
     }
     return html + "</table>\n";
   }

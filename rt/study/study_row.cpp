@@ -46,6 +46,15 @@ std::string quoted(const std::string& text) {
 
 }  // namespace
 
+void StudyRow::judge(const DepthJudgement& truth) {
+  coverage = truth.coverage;
+  truth_median_mm = truth.median_mm;
+  truth_mean_mm = truth.mean_mm;
+  truth_p95_mm = truth.p95_mm;
+  truth_over_1_mm = truth.share_over_1_mm;
+  truth_over_1_mm_off_edges = truth.share_over_1_mm_off_edges;
+}
+
 std::string csv_text(const std::vector<StudyRow>& rows) {
   std::string text = "zoom,illumination,repeat,method";
   for (const Figure& figure : kFigures) text += fmt::format(",{}", figure.name);

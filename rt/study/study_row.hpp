@@ -9,6 +9,8 @@
 
 #include <nlohmann/json_fwd.hpp>
 
+#include "rt/study/rig.hpp"
+
 namespace holdfast::rt {
 
 struct StudyRow {
@@ -31,6 +33,7 @@ struct StudyRow {
   double coverage = kUnknown, truth_median_mm = kUnknown, truth_mean_mm = kUnknown,
          truth_p95_mm = kUnknown, truth_over_1_mm = kUnknown,
          truth_over_1_mm_off_edges = kUnknown;  ///< shares, 0..1
+  void judge(const DepthJudgement& truth);
 };
 
 /// A header and a line each; what is unknown is empty, text is quoted.

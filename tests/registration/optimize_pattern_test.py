@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """`holdfast optimize-pattern` with a rig of a few lines: a plane, seen without parallax between the
 views, whose blur and noise spoil fine dots. This file is both the test and, as `... rig`, the rig."""
+import json
 import os
 import subprocess
 import sys
@@ -15,7 +16,7 @@ WIDTH, HEIGHT, FOCAL, BASE, DEPTH = 480, 384, 2000.0, 24.0, 200.0
 HOLDFAST = None
 
 
-def rig(zoom, pattern, out):
+def take(pattern, out):
     """Both views are the pattern at 1.6 pixels for one of its own, each with its own noise."""
     dots = io.imread(pattern)[:, :, 0] if io.imread(pattern).ndim == 3 else io.imread(pattern)
     y = (np.arange(HEIGHT) / 1.6).astype(int)
@@ -26,6 +27,16 @@ def rig(zoom, pattern, out):
         image = 30 + 0.6 * clear + random.normal(0, 3, clear.shape)
         io.imsave(f"{out}/{name}.png", np.clip(image, 0, 255).astype(np.uint8),
                   check_contrast=False)
+
+
+def rig():
+    for line in sys.stdin:
+        wanted = json.loads(line)
+        if wanted["do"] == "pair" and not wanted["off"]:
+            take(wanted["pattern"], wanted["out"])
+            print('{"files": 2}', flush=True)
+        else:
+            print('{"error": "only pairs"}', flush=True)
 
 
 def matrix(name, values, rows, columns):
@@ -102,17 +113,29 @@ class OptimizePattern(unittest.TestCase):
         self.assertEqual(len(other.stderr.splitlines()), 1)
 
     def test_names_a_rig_that_fails(self):
-        for command in ("false", "/does/not/exist"):
+        mute = "sh -c false"
+        for command in (mute, "/does/not/exist"):
             failed = self.run_it("a", rig_command=command)
             self.assertEqual(failed.returncode, 3, failed.stderr)
             self.assertIn("--rig", failed.stderr)
             self.assertFalse(os.path.exists(f"{self.folder.name}/a.toml"))
+        lost = self.run_it("a", rig_command=f"{sys.executable} /does/not/exist.py")
+        self.assertEqual(lost.returncode, 3, lost.stderr)
+        self.assertIn("No such file", lost.stderr, "its own last line is passed on")
+        self.assertEqual(len(lost.stderr.splitlines()), 1)
+
+    def test_passes_a_rigs_refusal_on(self):
+        refusal = "read _; echo '{\"error\": \"the lamp is dead\"}'"
+        script = f"{self.folder.name}/rig.sh"
+        with open(script, "w") as file:
+            file.write(refusal + "\n")
+        refused = self.run_it("a", rig_command=f"sh {script}")
+        self.assertEqual((refused.returncode, refused.stderr), (1, "holdfast: rig: the lamp is dead\n"))
 
 
 if __name__ == "__main__":
     if sys.argv[1] == "rig":
-        arguments = dict(zip(sys.argv[2::2], sys.argv[3::2]))
-        rig(float(arguments["--zoom"]), arguments["--pattern"], arguments["--out"])
+        rig()
         sys.exit(0)
     HOLDFAST = sys.argv.pop(1)
     unittest.main()

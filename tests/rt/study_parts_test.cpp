@@ -10,10 +10,12 @@
 #include <opencv2/calib3d.hpp>
 #include <unistd.h>
 
+#include "registration/pattern_table.hpp"
 #include "rt/core/error.hpp"
 #include "rt/study/fiducial_region.hpp"
+#include "rt/study/illumination.hpp"
+#include "rt/study/pattern_choice.hpp"
 #include "rt/study/rig.hpp"
-#include "rt/study/room.hpp"
 #include "rt/study/setup_flow.hpp"
 #include "rt/study/study_report.hpp"
 #include "rt/study/study_row.hpp"
@@ -68,6 +70,7 @@ TEST(StudyPage, IsOneFileThatShowsPaperAndOursApart) {
   StudySettings settings;
   settings.zooms = {1.3};
   settings.patterns.resize(1);
+  settings.rig = {"/usr/bin/holdfast-sim", "rig"};
   const std::string html = study_html(
       settings, {row_with(0.21), row_with(StudyRow::kUnknown, "a < b & c")}, 0.1, {{"map", "PNG"}});
   EXPECT_NE(html.find("class=\"q\">0.5 ± 0.3<"), std::string::npos);  // quoted, adaptive at 1.3
@@ -150,39 +153,63 @@ TEST(DepthForCamera, APlaneStaysTheSamePlane) {
   EXPECT_LT(known, 160 * 120);  // turned by two pixels in a hundred and more: a rim is unknown
 }
 
-TEST(Room, NamesItsPatternOnlyWhereOneIsProjected) {
-  Room room;
-  room.pattern = "/p/x.png";
-  EXPECT_NE(room_text(room).find("pattern_file = \"/p/x.png\""), std::string::npos);
-  room.illumination = Illumination::microscope;
-  EXPECT_EQ(room_text(room).find("pattern_file"), std::string::npos);
+TEST(Illumination, AsksForAPatternOnlyWhereOneIsProjected) {
+  const PairRequest adaptive = lit_by(Illumination::adaptive, "/p/x.png");
+  EXPECT_EQ(adaptive.pattern, "/p/x.png");
+  EXPECT_TRUE(adaptive.has_off);
+  const PairRequest microscope = lit_by(Illumination::microscope, "/p/x.png");
+  EXPECT_EQ(microscope.pattern, "");
+  EXPECT_EQ(microscope.lamps, "microscope");
+  EXPECT_FALSE(microscope.has_off);
+}
+
+TEST(PatternChoice, TakesTheNearestZoomOfTheFile) {
+  const fs::path file = fs::temp_directory_path() / ("patterns_" + std::to_string(getpid()));
+  const registration::PatternTableHead head{registration::PatternKind::lattice, false, 7};
+  std::ofstream(file) << registration::patterns_toml(
+      head, {{1.1, {3, 5}, 0.1, 9}, {1.3, {6, 2}, 0.2, 9}});
+  const registration::PatternParameters found = pattern_for(1.25, read_best_patterns(file));
+  const registration::PatternParameters other = pattern_for(1.0, read_best_patterns(file));
+  EXPECT_EQ(found.kind, registration::PatternKind::lattice);
+  EXPECT_EQ(found.seed, 7U);
+  EXPECT_NE(found.dot_px, other.dot_px);
+  for (const char* wrong : {"", "[[pattern]]\nzoom = 1.2\n",
+                            "[[pattern]]\nzoom = 1.2\nkind = \"aperiodic\"\n"
+                            "distance_px = 99\ndot_px = 4\nseed = 1\n",
+                            "zoom ="}) {
+    std::ofstream(file, std::ios::trunc) << wrong;
+    EXPECT_THROW((void)read_best_patterns(file), InputError) << wrong;
+  }
+  fs::remove(file);
 }
 
 class RigProgram : public testing::Test {
  protected:
   void TearDown() override { fs::remove(path_); }
-  const fs::path& saying(const std::string& script) {
+  std::string saying(const std::string& script) {
     std::ofstream(path_) << "#!/bin/sh\n" << script;
     fs::permissions(path_, fs::perms::owner_all);
-    return path_;
+    return path_.string();
   }
 
  private:
   fs::path path_ = fs::temp_directory_path() / ("holdfast_rig_" + std::to_string(getpid()));
 };
 
-TEST_F(RigProgram, AnswersWhatItIsAsked) {
+TEST_F(RigProgram, ReadsTheJudgementAndWhatIsUnknown) {
   Rig rig(
-      saying("[ \"$1\" = serve ] || exit 9\n"
-             "while read line; do printf '{\"asked\": '; printf '%s}\\n' \"$line\"; done\n"));
-  EXPECT_EQ(rig.request({{"do", "this"}}).at("asked").at("do"), "this");
-  EXPECT_EQ(rig.request({{"do", "that"}}).at("asked").at("do"), "that");
+      {saying("read line\ncase \"$line\" in *depth-error*'\"pose\":2'*) "
+              "echo '{\"coverage\": 0.5, \"median_mm\": null}';; "
+              "*) echo '{\"error\": \"what?\"}';; esac\nread line\n")});
+  const DepthJudgement judgement = rig.depth_error({"/d.tiff", "/s.yaml", 1.3, 2});
+  EXPECT_EQ(judgement.coverage, 0.5);
+  EXPECT_TRUE(std::isnan(judgement.median_mm));
 }
 
 TEST_F(RigProgram, ItsErrorIsARefusalWithItsWords) {
-  Rig rig(saying("read line; echo '{\"error\": \"lamp is broken\"}'; read line\n"));
+  Rig rig({saying("read line; echo '{\"error\": \"lamp is broken\"}'; read line\n")});
   try {
-    (void)rig.request({{"do", "stereo"}});
+    rig.ct("/tmp/nowhere");
     FAIL() << "accepted";
   } catch (const RefusedError& error) {
     EXPECT_STREQ(error.what(), "rig: lamp is broken");
@@ -191,13 +218,18 @@ TEST_F(RigProgram, ItsErrorIsARefusalWithItsWords) {
 
 TEST_F(RigProgram, OneThatEndsOrTalksNonsenseIsNotThere) {
   {
-    Rig rig(saying("read line; exit 0\n"));
-    EXPECT_THROW((void)rig.request({{"do", "stereo"}}), UnavailableError);
-    EXPECT_THROW((void)rig.request({{"do", "stereo"}}), UnavailableError);
+    Rig rig({saying("read line; echo first >&2; echo no camera >&2; exit 0\n")});
+    try {
+      rig.ct("/tmp/nowhere");
+      FAIL() << "accepted";
+    } catch (const UnavailableError& error) {
+      EXPECT_TRUE(std::string(error.what()).ends_with("its last words: no camera")) << error.what();
+    }
+    EXPECT_THROW(rig.ct("/tmp/nowhere"), UnavailableError);
   }
-  Rig rig(saying("read line; echo hello; read line\n"));
-  EXPECT_THROW((void)rig.request({{"do", "stereo"}}), UnavailableError);
-  EXPECT_THROW(Rig("/no/such/rig"), UnavailableError);
+  Rig rig({saying("read line; echo hello; read line\n")});
+  EXPECT_THROW(rig.ct("/tmp/nowhere"), UnavailableError);
+  EXPECT_THROW(Rig({"/no/such/rig"}), UnavailableError);
 }
 
 }  // namespace

@@ -5,7 +5,6 @@
 
 #include "bridge/command_line.hpp"
 #include "tests/sim/commands.hpp"
-#include "tests/sim/serve_command.hpp"
 
 int main(int argc, char** argv) {
   CLI::App app{"Holdfast's virtual operating room: cameras, robot, operator.", "holdfast-sim"};
@@ -22,7 +21,6 @@ int main(int argc, char** argv) {
   holdfast::sim::add_rig_command(app);
   holdfast::sim::add_registration_error_command(app);
   holdfast::sim::add_robot_command(app);
-  holdfast::sim::add_serve_command(app);
   holdfast::sim::add_stereo_command(app);
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

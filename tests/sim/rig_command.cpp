@@ -1,56 +1,86 @@
 // SPDX-License-Identifier: Apache-2.0
-// `holdfast-sim rig`: the virtual microscope as `holdfast optimize-pattern` wants a rig.
+// `holdfast-sim rig`: the virtual operating room as a rig on two pipes.
 #include <filesystem>
+#include <iostream>
 #include <memory>
+#include <optional>
+#include <string>
 
 #include <CLI/CLI.hpp>
+#include <nlohmann/json.hpp>
 
-#include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
 #include "rt/core/error.hpp"
 #include "tests/sim/commands.hpp"
-#include "tests/sim/or/room.hpp"
-#include "tests/sim/or/room_files.hpp"
+#include "tests/sim/or/room_server.hpp"
 
 namespace holdfast::sim {
 namespace {
 
+using nlohmann::json;
+
 constexpr const char* kExample =
-    "Example: one pair under one pattern\n"
-    "  holdfast-sim rig --config config/or.toml --zoom 1.3 --pattern dots.png --out pair/\n"
-    "Phantom, pose and lights are the configuration's; the same arguments give the same images.";
+    "Example: one pair under one pattern, and the same ear without it\n"
+    "  echo '{\"do\": \"pair\", \"zoom\": 1.3, \"pattern\": \"dots.png\", \"off\": true, "
+    "\"out\": \"pair\"}' | holdfast-sim rig\n"
+    "Each line on stdin is a request: \"do\" is boards, ct, pair or depth-error "
+    "(docs/interfaces.md,\n\"Rig\"). Each is answered by one line on stdout, {\"error\": ...} "
+    "when it failed. Ends with its\ninput. Paths are relative to where it runs; the same requests "
+    "give the same images.";
 
 struct Options {
-  std::filesystem::path config, pattern, out, truth;
-  double zoom = 0;
+  std::filesystem::path config;
+  std::optional<std::uint32_t> seed, phantom_seed;
 };
+
+RoomConfig room_of(const Options& options) {
+  RoomConfig config;
+  if (options.config.empty()) {
+    config.lights.or_light = 0.35;
+    config.lights.microscope_light = 0;
+  } else {
+    config = read_room_config(options.config);
+  }
+  if (options.seed) {
+    config.seed = config.optics.seed = *options.seed;
+    config.board.seed = config.board_poses.seed = *options.seed;
+  }
+  if (options.phantom_seed) config.phantom_seed = *options.phantom_seed;
+  return config;
+}
+
+void check_interrupt() {
+  if (bridge::is_interrupted()) throw InterruptedError("interrupted");
+}
 
 void run(const Options& options) {
   bridge::catch_interrupts();
-  RoomConfig config = read_room_config(options.config);
-  config.zoom = options.zoom;
-  config.pattern = "file";
-  config.pattern_file = std::filesystem::absolute(options.pattern);
-  config.poses = 1;
-  const RoomFiles files = write_stereo_images(config, options.out, [](int, int) {
-    if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-  });
-  if (!options.truth.empty())
-    bridge::write_file_atomically(options.truth.string(), files.truth + "\n");
+  RoomServer server(room_of(options));
+  for (std::string line; std::getline(std::cin, line);) {
+    json answer;
+    try {
+      answer = server.answer(json::parse(line), [](int, int) { check_interrupt(); });
+    } catch (const InterruptedError&) {
+      throw;
+    } catch (const std::exception& error) {
+      answer = {{"error", error.what()}};
+    }
+    std::cout << answer.dump(-1, ' ', false, json::error_handler_t::replace) << std::endl;
+    check_interrupt();
+  }
 }
 
 }  // namespace
 
 void add_rig_command(CLI::App& app) {
   const auto options = std::make_shared<Options>();
-  CLI::App* command =
-      app.add_subcommand("rig", "A pair of images under a pattern, for holdfast optimize-pattern.");
-  command->add_option("--config", options->config, "the room (see config/or.toml)")->required();
-  command->add_option("--zoom", options->zoom, "1.1 to 1.5")->required();
-  command->add_option("--pattern", options->pattern, "800x600 PNG")->required();
-  command->add_option("--out", options->out, "folder for left.png and right.png")->required();
-  command->add_option("--truth", options->truth,
-                      "write what the pipeline must not know to this file (JSON)");
+  CLI::App* command = app.add_subcommand(
+      "rig", "The microscope, the phantom and its CT, on request: for holdfast's --rig.");
+  command->add_option("--config", options->config,
+                      "the room (see config/or.toml; default: an ear under OR light)");
+  command->add_option("--seed", options->seed, "of the microscope, the board and the poses");
+  command->add_option("--phantom-seed", options->phantom_seed,
+                      "of the phantom's shape; from 1000 on: kept for evaluation");
   command->footer(kExample);
   command->callback([options] { run(*options); });
 }

@@ -156,7 +156,7 @@ RoomFiles write_stereo_images(const RoomConfig& config, RoomScene& scene, const 
     };
     shot.seed = noise_seed(config, 200, 0, pose);
     pair(shot, "");
-    if (!shot.lights.pattern.empty()) {
+    if (wish.has_off && !shot.lights.pattern.empty()) {
       RoomShot off = shot;
       off.lights.pattern = cv::Mat();
       off.lights.or_light = wish.off_or_light.value_or(off.lights.or_light);

@@ -42,6 +42,7 @@ struct RoomScene {
 struct StereoWish {
   std::optional<int> only_pose;        ///< its images stand directly in `out`
   std::optional<double> off_or_light;  ///< or_light of the frames without the pattern
+  bool has_off = true;                 ///< whether these are wanted
 };
 /// The same of a scene that is there already.
 [[nodiscard]] RoomFiles write_stereo_images(const RoomConfig& config, RoomScene& scene,

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tests/sim/or/room_server.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
+#include <utility>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -19,13 +21,62 @@ namespace {
 
 using nlohmann::json;
 
+// The pattern's light is 740 nm and the OR lamps hardly shine there (paper A: under 10 uW), so
+// little of theirs is left in a frame taken through the filter.
+constexpr double kFilteredOrLight = 0.05;
+constexpr double kOrLight = 0.8, kMicroscopeLight = 0.9;
+constexpr double kMarkerOrLight = 0.6;  // of the frames without the pattern and its filter
+constexpr double kLaserSpeckle = 0.3;   // a diffractive pattern is a laser's; an LED's has none
+constexpr int kPoseMax = 999, kPairsMax = 500;
+
 template <typename Value>
 Value member(const json& request, const char* name) {
   try {
     return request.at(name).get<Value>();
   } catch (const json::exception&) {
-    throw InputError(fmt::format("request {}: no such member '{}'", request.dump(), name));
+    throw InputError(
+        fmt::format("request {}: '{}' is missing or of a wrong type", request.dump(), name));
   }
+}
+template <typename Value>
+Value member(const json& request, const char* name, Value fallback) {
+  return request.contains(name) ? member<Value>(request, name) : std::move(fallback);
+}
+
+int whole(const json& request, const char* name, int least, int most) {
+  const int value = member<int>(request, name, least);
+  if (value < least || value > most)
+    throw InputError(
+        fmt::format("request {}: '{}' must be {} to {}", request.dump(), name, least, most));
+  return value;
+}
+
+double zoom_of(const json& request) {
+  const auto zoom = member<double>(request, "zoom");
+  if (!(zoom >= Microscope::kZoomMin && zoom <= Microscope::kZoomMax))
+    throw InputError(fmt::format("request {}: 'zoom' must be {} to {}", request.dump(),
+                                 Microscope::kZoomMin, Microscope::kZoomMax));
+  return zoom;
+}
+
+void set_lamps(const json& request, RoomConfig& config, StereoWish& wish) {
+  const auto lamps = member<std::string>(request, "lamps", "");
+  if (lamps.empty()) return;
+  const bool is_or = lamps == "or", is_microscope = lamps == "microscope";
+  if (!is_or && !is_microscope && lamps != "filtered")
+    throw InputError(
+        fmt::format("request {}: 'lamps' must be filtered, or, or microscope", request.dump()));
+  config.lights.or_light = is_or ? kOrLight : is_microscope ? 0 : kFilteredOrLight;
+  config.lights.microscope_light = is_microscope ? kMicroscopeLight : 0;
+  wish.off_or_light = kMarkerOrLight;
+}
+
+void set_pattern(const json& request, RoomConfig& config) {
+  const auto pattern = member<std::string>(request, "pattern", "");
+  config.pattern = pattern.empty() ? "none" : pattern == "random" ? "diffractive" : "file";
+  if (config.pattern == "file") config.pattern_file = std::filesystem::absolute(pattern);
+  if (config.pattern == "diffractive")
+    config.lights.speckle = std::max(config.lights.speckle, kLaserSpeckle);
 }
 
 json number(double value) {
@@ -51,36 +102,44 @@ json error_of(const json& request, const RoomConfig& config, const RoomScene& sc
   const cv::Mat_<float> depth_mm = bridge::read_depth_file(member<std::string>(request, "depth"),
                                                            kSensorWidthPx, kSensorHeightPx);
   return as_json(depth_error(depth_mm, registration::calibration_at_zoom(calibration, config.zoom),
-                             config, scene, member<int>(request, "pose")));
+                             config, scene, config.poses - 1));
 }
 
 }  // namespace
 
-RoomScene& RoomServer::scene_of(const RoomConfig& config) {
-  const std::string name = fmt::format("{} {}", config.phantom, config.phantom_seed);
-  if (!scene_ || name != scene_name_) {
-    scene_ = std::make_unique<RoomScene>(config);
-    scene_name_ = name;
-  }
+RoomServer::RoomServer(RoomConfig config) : config_(std::move(config)) {}
+
+RoomScene& RoomServer::scene() {
+  if (!scene_) scene_ = std::make_unique<RoomScene>(config_);
   return *scene_;
 }
 
 json RoomServer::answer(const json& request, const Progress& progress) {
   const auto what = member<std::string>(request, "do");
-  const RoomConfig config = read_room_config(member<std::string>(request, "config"));
-  if (what == "depth-error") return error_of(request, config, scene_of(config));
-  const auto out = member<std::string>(request, "out");
-  if (what == "calibration")
-    return {{"files", write_calibration_images(config, out, progress).files}};
-  if (what == "stereo") {
-    StereoWish wish{member<int>(request, "pose"), {}};
-    if (request.contains("off_or_light"))
-      wish.off_or_light = member<double>(request, "off_or_light");
-    return {{"files", write_stereo_images(config, scene_of(config), out, wish, progress).files}};
+  RoomConfig config = config_;
+  if (what == "ct") {
+    const CtVolume volume = scan(scene().phantom, {});
+    const auto out = member<std::string>(request, "out");
+    return {{"files", write_dicom_series(volume, {}, out).files.size()}};
   }
-  if (what != "ct") throw InputError(fmt::format("request {}: 'do' is unknown", request.dump()));
-  const CtVolume volume = scan(scene_of(config).phantom, {});
-  return {{"files", write_dicom_series(volume, {}, out).files.size()}};
+  if (what == "boards") {
+    config.calibration_zooms = {zoom_of(request)};
+    config.board_poses.count = whole(request, "pairs", 1, kPairsMax);
+    const auto out = member<std::string>(request, "out");
+    return {{"files", write_calibration_images(config, out, progress).files}};
+  }
+  if (what != "pair" && what != "depth-error")
+    throw InputError(
+        fmt::format("request {}: 'do' must be boards, ct, pair or depth-error", request.dump()));
+  config.zoom = zoom_of(request);
+  StereoWish wish{whole(request, "pose", 0, kPoseMax), {}, false};
+  config.poses = *wish.only_pose + 1;  // a pose does not depend on how many come after it
+  if (what == "depth-error") return error_of(request, config, scene());
+  set_lamps(request, config, wish);
+  set_pattern(request, config);
+  wish.has_off = member<bool>(request, "off", false);
+  const auto out = member<std::string>(request, "out");
+  return {{"files", write_stereo_images(config, scene(), out, wish, progress).files}};
 }
 
 }  // namespace holdfast::sim

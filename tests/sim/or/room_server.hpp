@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The virtual operating room as a rig that another program uses without linking it: requests and
-// answers of one JSON object each (see answer()). What the room costs to build is kept between
-// them.
+// answers of one JSON object each (docs/interfaces.md, "Rig"). What the room costs to build is kept
+// between them.
 #pragma once
 
 #include <memory>
@@ -14,20 +14,25 @@ namespace holdfast::sim {
 
 class RoomServer {
  public:
-  /// `request` has a member `do` and `config` (a room's file, see config/or.toml), and
-  ///  - "calibration": `out`: as write_calibration_images;
+  /// `config`: everything that a request does not say.
+  explicit RoomServer(RoomConfig config);
+
+  /// `request` has a member `do`:
+  ///  - "boards": `zoom`, `pairs`, `out`: as write_calibration_images;
   ///  - "ct": `out`: a folder for the DICOM files of the phantom's CT;
-  ///  - "stereo": `out`, `pose`: as write_stereo_images, of one pose; `off_or_light`, if given, for
-  ///    the frames without the pattern;
-  ///  - "depth-error": `calibration` (stereo.yaml), `depth` (TIFF, rectified left), `pose`: the
-  ///    answer is a DepthError, `*_mm` null where nothing is known. Nothing else answers truth.
+  ///  - "pair": `zoom`, `out`, and if not the configuration's: `pose` (0), `lamps` ("filtered":
+  ///    what the pattern's filter lets through; "or"; "microscope"), `pattern` (a file, or
+  ///    "random"; none), `off` (false: also a pair without the pattern): as write_stereo_images;
+  ///  - "depth-error": `zoom`, `pose`, `calibration` (stereo.yaml), `depth` (TIFF, rectified
+  ///    left): the answer is a DepthError, `*_mm` null where nothing is known. Nothing else answers
+  ///    truth.
   /// Other answers: {"files": count}. Throws holdfast::Error; InputError for such a request.
   [[nodiscard]] nlohmann::json answer(const nlohmann::json& request, const Progress& progress);
 
  private:
-  RoomScene& scene_of(const RoomConfig& config);
+  RoomScene& scene();
+  RoomConfig config_;
   std::unique_ptr<RoomScene> scene_;
-  std::string scene_name_;
 };
 
 }  // namespace holdfast::sim
