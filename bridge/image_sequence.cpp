@@ -73,9 +73,6 @@ std::vector<nanoseconds> read_timestamps(const std::string& path) {
     if (frame != times.size())
       throw InputError(where + ": frame is " + std::to_string(frame) + ", must be " +
                        std::to_string(times.size()));
-    if (!times.empty() && nanoseconds(t_ns) <= times.back())
-      throw InputError(where + ": t_ns is " + std::to_string(t_ns) + ", must be above " +
-                       std::to_string(times.back().count()) + " ns, the frame before");
     times.emplace_back(t_ns);
   }
   return times;

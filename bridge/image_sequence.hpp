@@ -21,7 +21,7 @@ struct SequenceFrame {
 
 /// Where the times come from.
 enum class TimeSource : std::uint8_t {
-  timestamps_file,  ///< timestamps.csv beside the frames: a line `frame,t_ns` each, growing
+  timestamps_file,  ///< timestamps.csv beside the frames: a line `frame,t_ns` each, as they are
   given_rate,       ///< the caller's frame rate, from 0
   video_rate,       ///< the video's own frame rate, from 0
   assumed_rate      ///< nothing known: 30 frames/s, from 0; the caller should say so to its user

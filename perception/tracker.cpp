@@ -42,6 +42,7 @@ struct Tracker::Impl {
   int chain_length = 0;
   cv::Point2d flow_px;  // of the pivot, from the frame before to the newest
   bool was_lost = false;
+  std::optional<std::chrono::nanoseconds> t_newest;
 
   Impl(const CameraModel& c, const TrackerParameters& p)
       : camera(c), parameters(p), detector(p.features) {
@@ -274,6 +275,7 @@ TrackingReason Tracker::set_keyframe(const cv::Mat& image, const SiteGeometry& g
   s.p_keyframe_mm = std::move(seen->p_site_mm);
   s.has_keyframe = true;
   s.was_lost = false;
+  s.t_newest.reset();
   s.forget_motion();
   return TrackingReason::none;
 }
@@ -284,14 +286,17 @@ MotionEstimate Tracker::track(const cv::Mat& image, std::chrono::nanoseconds t_e
   out.t_exposure = t_exposure;
   const Clock::time_point start = Clock::now();
   if (s.has_keyframe) out.reason = unusable_image(s.camera, image);
+  if (out.reason == TrackingReason::none && s.t_newest && t_exposure <= *s.t_newest)
+    out.reason = TrackingReason::time_not_increasing;
   if (out.reason == TrackingReason::none) {
+    s.t_newest = t_exposure;
     {
       const StageTimer timer(out.times.mask);
       make_grey_and_mask(image, s.parameters.mask, s.current.images);
     }
     s.estimate(out);
     s.finish(out);
-  } else {
+  } else if (out.reason != TrackingReason::time_not_increasing) {
     s.forget_motion();
     s.was_lost = s.has_keyframe;
   }

@@ -57,7 +57,8 @@ class Tracker {
                                             const cv::Mat& mask = {});
 
   /// Estimates the motion of the site from the keyframe to `image`. Frames are taken as
-  /// consecutive. Allocates; not for the real-time thread.
+  /// consecutive; `t_exposure` must be later than at every call before, otherwise the frame is lost
+  /// and nothing else happens. Allocates; not for the real-time thread.
   [[nodiscard]] MotionEstimate track(const cv::Mat& image, std::chrono::nanoseconds t_exposure);
 
  private:

@@ -25,6 +25,7 @@
 #include "bridge/image_sequence.hpp"
 #include "bridge/surface_depth.hpp"
 #include "perception/direct_tracker.hpp"
+#include "perception/paper_tracker.hpp"
 #include "perception/site.hpp"
 #include "perception/tracker.hpp"
 #include "perception/tracker_parameters.hpp"
@@ -53,8 +54,8 @@ constexpr const char* kExample =
     "The first frame is the keyframe. With --depth or --surface the motion has six degrees of "
     "freedom;\nwith --plane-mm it is planar. --method: direct aligns every frame to the keyframe "
     "directly and\nchecks it with ORB features every third frame; orb uses the features alone; "
-    "paper cascades them\nfrom frame to frame, as published. Exit code 1: the first frame cannot "
-    "serve, or every other was lost.";
+    "paper cascades affine\nmotions from frame to frame as published: it drifts, for comparison "
+    "only. Exit code 1: the first\nframe cannot serve, or every other was lost.";
 
 struct Options {
   std::string frames, camera, calibration, depth, surface, mask, out, tum, method = "direct";
@@ -72,6 +73,7 @@ struct Stage {
 struct Outcome {
   int frames = 0;
   std::map<TrackingStatus, int> count;
+  std::map<TrackingReason, int> reasons;              // of the frames that are not tracked
   TrackingReason last_reason = TrackingReason::none;  // of the newest lost frame
   std::string csv = kHeader, tum;
   std::vector<Stage> stages = {
@@ -97,8 +99,12 @@ std::string csv_row(const bridge::SequenceFrame& frame, const MotionEstimate& e)
   row += fmt::format(",{:.4f},{:.4f},{:.9f},{:.9f}", e.dx_um, e.dy_um, e.rotation_rad, e.scale);
   row += fmt::format(",{:.7f},{:.7f},{:.7f},{:.10f},{:.10f},{:.10f},{:.10f}", t.x(), t.y(), t.z(),
                      q.x(), q.y(), q.z(), q.w());
-  row += fmt::format(",{:.7f},{:.9f},{}", largest_sigma(e.covariance.topLeftCorner<3, 3>()),
-                     largest_sigma(e.covariance.bottomRightCorner<3, 3>()), e.inliers);
+  if (e.covariance.allFinite())
+    row += fmt::format(",{:.7f},{:.9f}", largest_sigma(e.covariance.topLeftCorner<3, 3>()),
+                       largest_sigma(e.covariance.bottomRightCorner<3, 3>()));
+  else
+    row += ",,";  // a method that knows no uncertainty
+  row += fmt::format(",{}", e.inliers);
   row += e.has_drift ? fmt::format(",{:.3f}", e.drift_um) : std::string(",");
   const double latency_us = static_cast<double>(e.times.total.count()) / 1000;
   return row + fmt::format(",{:.1f}\n", latency_us);
@@ -117,6 +123,7 @@ std::string tum_row(const bridge::SequenceFrame& frame, const MotionEstimate& e)
 void Outcome::add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate) {
   ++frames;
   ++count[estimate.status];
+  if (estimate.reason != TrackingReason::none) ++reasons[estimate.reason];
   if (estimate.status == TrackingStatus::lost) last_reason = estimate.reason;
   csv += csv_row(frame, estimate);
   tum += tum_row(frame, estimate);
@@ -268,6 +275,9 @@ Outcome follow(const Options& options, bridge::ImageSequence& sequence, const Vi
   perception::TrackerParameters parameters;
   parameters.features.count = options.features;
   if (const auto what = perception::invalid_parameter(parameters)) throw InputError(*what);
+  if (options.method == "paper")
+    return follow_with(perception::PaperTracker(viewer.camera, parameters), options, sequence,
+                       viewer);
   if (options.method == "orb")
     return follow_with(perception::Tracker(viewer.camera, parameters), options, sequence, viewer);
   return follow_with(perception::DirectTracker(viewer.camera, parameters), options, sequence,
@@ -295,6 +305,9 @@ void report(const Options& options, Outcome& outcome, bridge::TimeSource times) 
     for (const auto status : {TrackingStatus::lost, TrackingStatus::tracking,
                               TrackingStatus::relocalised, TrackingStatus::degraded})
       json[std::string(name(status))] = outcome.count[status];
+    json["reasons"] = nlohmann::ordered_json::object();
+    for (const auto& [reason, frames] : outcome.reasons)
+      json["reasons"][std::string(name(reason))] = frames;
     json["times"] = text(times);
     for (const Stage& stage : outcome.stages)
       json["timing_ms"][stage.name] = {{"median", percentile(stage.ms, 0.5)},
@@ -307,6 +320,8 @@ void report(const Options& options, Outcome& outcome, bridge::TimeSource times) 
              options.out, outcome.frames, outcome.count[TrackingStatus::tracking],
              outcome.count[TrackingStatus::relocalised], outcome.count[TrackingStatus::degraded],
              outcome.count[TrackingStatus::lost], text(times));
+  for (const auto& [reason, frames] : outcome.reasons)
+    fmt::print("{:>7}  {}\n", frames, name(reason));
   for (const Stage& stage : outcome.stages)
     if (percentile(stage.ms, 1) > 0)
       fmt::print("{:>7}  median {:7.2f} ms  p99 {:7.2f} ms\n", stage.name,
@@ -356,7 +371,7 @@ void add_track(CLI::App& app) {
       "--mask", options->mask,
       "8-bit image of the keyframe's size; 0 = the keyframe's content here is not used");
   track->add_option("--method", options->method, "How the motion is found")
-      ->check(CLI::IsMember({"direct", "orb"}))
+      ->check(CLI::IsMember({"direct", "orb", "paper"}))
       ->capture_default_str();
   track->add_option("--fps", options->fps, "Frame rate; overrides timestamps.csv");
   track->add_option("--features", options->features, "ORB features per frame")

@@ -44,7 +44,7 @@ TEST(RealSequence, IsFollowedFromTheFirstFrameToTheLastWithoutAJump) {
   int poses = 0;
   double furthest_jump_um = 0;
   for (int i = 0; i < kFrames; ++i) {
-    const auto e = tracker.track(sequence_frame(i), {});
+    const auto e = tracker.track(sequence_frame(i), std::chrono::nanoseconds(i));
     if (e.status == TrackingStatus::lost) continue;
     ++poses;
     // What two independent measurements say of the same motion.

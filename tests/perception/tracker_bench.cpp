@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// The direct tracker against a practitioner's OpenCV version of paper B (ORB 2000, brute-force
-// cross-check, estimateAffine2D, cascaded), frame by frame in turn on the same pictures, one thread
+// The direct tracker against paper B's method as a practitioner writes it with OpenCV
+// (perception/paper_tracker.hpp), frame by frame in turn on the same pictures, one thread
 // on one CPU each; the direct tracker's check runs beside, as in the daemon. Speed, and the error
 // of both on a trajectory shaped like paper B's spiral over a surface with relief: with its true
 // depth, and with a depth as wrong as a reconstruction is.
@@ -11,13 +11,12 @@
 #include <string>
 #include <vector>
 
-#include <opencv2/calib3d.hpp>
-#include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 #include <sched.h>
 
 #include "bridge/atomic_file.hpp"
 #include "perception/direct_tracker.hpp"
+#include "perception/paper_tracker.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "rt/core/error.hpp"
 #include "tests/perception/support/moving_scene.hpp"
@@ -27,49 +26,9 @@ namespace {
 using namespace holdfast;
 using Clock = std::chrono::steady_clock;
 
-constexpr double kDepthMm = 200, kPixelMm = 0.02;
+constexpr double kDepthMm = 200;
 constexpr int kFrames = 60;
 constexpr double kPaperFrameToFrameUm = 93.2, kPaperFrameMs = 327;  // paper B, tables 1 and 2
-
-struct Practitioner {
-  cv::Ptr<cv::ORB> orb = cv::ORB::create(2000);
-  cv::BFMatcher matcher{cv::NORM_HAMMING, true};
-  std::vector<cv::KeyPoint> before;
-  cv::Mat descriptors_before;
-  cv::Matx33d chain = cv::Matx33d::eye();
-
-  /// The motion of `p` since the frame before; the chain is cascaded as in the paper.
-  cv::Point2d track(const cv::Mat& image, cv::Point2d p) {
-    std::vector<cv::KeyPoint> now;
-    cv::Mat descriptors;
-    orb->detectAndCompute(image, {}, now, descriptors);
-    cv::Point2d moved;
-    if (!before.empty()) {
-      std::vector<cv::DMatch> matches;
-      matcher.match(descriptors_before, descriptors, matches);
-      std::vector<cv::Point2f> from, to;
-      for (const cv::DMatch& m : matches) {
-        from.push_back(before[static_cast<std::size_t>(m.queryIdx)].pt);
-        to.push_back(now[static_cast<std::size_t>(m.trainIdx)].pt);
-      }
-      const cv::Mat A = cv::estimateAffine2D(from, to);
-      if (!A.empty()) {
-        const cv::Matx33d step(A.at<double>(0, 0), A.at<double>(0, 1), A.at<double>(0, 2),
-                               A.at<double>(1, 0), A.at<double>(1, 1), A.at<double>(1, 2), 0, 0, 1);
-        const cv::Point2d start = at(p);
-        chain = step * chain;
-        moved = at(p) - start;
-      }
-    }
-    before = std::move(now);
-    descriptors_before = descriptors;
-    return moved;
-  }
-  [[nodiscard]] cv::Point2d at(cv::Point2d p) const {
-    const cv::Vec3d q = chain * cv::Vec3d(p.x, p.y, 1);
-    return {q[0], q[1]};
-  }
-};
 
 /// NaN of nothing.
 double percentile(std::vector<double> values, double share) {
@@ -150,11 +109,12 @@ std::vector<Row> measure() {
           perception::TrackingReason::none)
     return {};
   pin();
-  Practitioner practitioner;
+  perception::PaperTracker paper(camera, perception::TrackerParameters{});
+  if (paper.set_keyframe(keyframe, perception::SitePlane{kDepthMm}) !=
+      perception::TrackingReason::none)
+    return {};
   Row time{"tracker_1080p_frame", "ms", {}, {}};
-  const cv::Point2d pivot(camera.cx_px, camera.cy_px);
-  practitioner.track(keyframe, pivot);
-  Eigen::Vector2d before(0, 0);
+  Eigen::Vector2d paper_error_before_um(0, 0);
   for (int i = 1; i <= kFrames; ++i) {  // a spiral of up to 2.5 mm at 2 mm/s and 30 frames/s
     const double angle = 0.12 * i, radius_mm = 2.5 * i / kFrames;
     const Eigen::Vector2d now(radius_mm * std::sin(angle), radius_mm * (1 - std::cos(angle)));
@@ -165,17 +125,17 @@ std::vector<Row> measure() {
     const bool is_followed = exact.follow(image, T, t);
     time.ours.push_back(milliseconds(start));
     start = Clock::now();
-    const cv::Point2d moved = practitioner.track(image, pivot);
+    const auto e = paper.track(image, t);
     time.theirs.push_back(milliseconds(start));
     if (!is_followed || !real.follow(image, T, t)) return {};
-    const Eigen::Vector2d step_mm = kPixelMm * Eigen::Vector2d(moved.x, moved.y);
-    const cv::Point2d q = practitioner.at(pivot) - pivot;
+    if (e.status == perception::TrackingStatus::lost) return {};
+    const Eigen::Vector3d p = e.p_pivot_site_mm;
+    const Eigen::Vector2d paper_error_um = 1000 * (e.T_camera_site * p - T * p).head<2>();
     for (Follower* follower : {&exact, &real}) {
-      follower->step.theirs.push_back(1000 * (step_mm - (now - before)).norm());
-      follower->absolute.theirs.push_back(1000 *
-                                          (kPixelMm * Eigen::Vector2d(q.x, q.y) - now).norm());
+      follower->step.theirs.push_back((paper_error_um - paper_error_before_um).norm());
+      follower->absolute.theirs.push_back(paper_error_um.norm());
     }
-    before = now;
+    paper_error_before_um = paper_error_um;
   }
   return {time,          exact.absolute, exact.step, exact.depth,  exact.rotation,
           real.absolute, real.step,      real.depth, real.rotation};

@@ -169,13 +169,10 @@ TYPED_TEST(TrackerRefusal, HalfTheImageMovingOnItsOwnIsNotTracking) {
   EXPECT_EQ(this->track(image).reason, TrackingReason::inconsistent_motion);
 }
 
-TEST(DirectTracker, DuplicatedAndSwappedStampsGiveNoPoseAndTrackingGoesOn) {
-  const CameraModel camera = test::microscope_camera(640, 480);
-  const test::MovingScene scene(camera, test::photograph(), 200);
-  DirectTracker tracker(camera, TrackerParameters{});
-  ASSERT_EQ(tracker.set_keyframe(scene.image(kStill, 2, 77), SitePlane{200}), TrackingReason::none);
-  const cv::Mat image = scene.image(shifted(0.2, 0), 2, 1);
-  const auto at = [&](int ms) { return tracker.track(image, std::chrono::milliseconds(ms)); };
+TYPED_TEST(TrackerRefusal, DuplicatedAndSwappedStampsGiveNoPoseAndTrackingGoesOn) {
+  this->take_keyframe();
+  const cv::Mat image = this->scene.image(shifted(0.2, 0), 2, 1);
+  const auto at = [&](int ms) { return this->tracker.track(image, std::chrono::milliseconds(ms)); };
   EXPECT_EQ(at(100).status, TrackingStatus::tracking);
   for (const int ms : {100, 70}) {
     const auto e = at(ms);

@@ -98,7 +98,7 @@ TEST(Tracker, CovarianceWithoutMotionIsNotDrownedInTheShapeTerm) {
             TrackingReason::none);
   double squares = 0, variance = 0;
   for (std::uint64_t i = 0; i < 10; ++i) {
-    const auto e = tracker.track(scene.image(still, 2, i), {});
+    const auto e = tracker.track(scene.image(still, 2, i), std::chrono::nanoseconds(i));
     ASSERT_EQ(e.status, TrackingStatus::tracking);
     squares += error_of(e, still).head<2>().squaredNorm();
     variance += e.covariance.topLeftCorner<2, 2>().trace();
@@ -132,7 +132,8 @@ TEST(Tracker, FrameToFrameMotionAgreesWithTheKeyframeAndSoDoesTheDrift) {
             TrackingReason::none);
   for (int i = 0; i < 8; ++i) {
     const auto T = test::moved_about({0, 0, 200}, {0.1 * i, 0.05 * i, 0}, {0, 0, 0.001 * i});
-    const auto e = tracker.track(scene.image(T, 2, static_cast<std::uint64_t>(i + 9)), {});
+    const auto e = tracker.track(scene.image(T, 2, static_cast<std::uint64_t>(i + 9)),
+                                 std::chrono::nanoseconds(i));
     ASSERT_EQ(e.status, TrackingStatus::tracking);
     if (i == 0) {
       EXPECT_FALSE(e.has_frame_to_frame);
