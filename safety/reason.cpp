@@ -103,6 +103,8 @@ std::string_view name(Reason reason) noexcept {
       return "not_real_time";
     case Reason::unsecured_transport:
       return "unsecured_transport";
+    case Reason::not_recording:
+      return "not_recording";
   }
   return "unknown";
 }

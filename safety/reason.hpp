@@ -56,8 +56,9 @@ enum class Reason : std::uint8_t {
   not_armed = 48,
   awaiting_acknowledgement = 49,
   // advisory: 56-63
-  not_real_time = 56,       ///< running without real-time scheduling, by explicit request
-  unsecured_transport = 57  ///< DDS Security is off
+  not_real_time = 56,        ///< running without real-time scheduling, by explicit request
+  unsecured_transport = 57,  ///< DDS Security is off
+  not_recording = 58         ///< a recording was asked for, and the disk refuses it
 };
 
 /// By range of codes; stop for a code that no range holds, so that an unknown one is not ignored.

@@ -40,7 +40,7 @@ TEST(Reason, KeepsItsCodeAndNameOnTheWire) {
   EXPECT_EQ(names(44, 50),
             "unknown initialising not_registered keyframe_unverified not_armed "
             "awaiting_acknowledgement unknown ");
-  EXPECT_EQ(names(55, 58), "unknown not_real_time unsecured_transport unknown ");
+  EXPECT_EQ(names(55, 59), "unknown not_real_time unsecured_transport not_recording unknown ");
 }
 
 TEST(ReasonSet, IsEmptyFromTheStart) {
