@@ -21,7 +21,7 @@ RULES = {
     "bridge/client/example": ([], [r"holdfast/client\.hpp$"]),
     "bridge": (["bridge", "safety", "perception", "registration", "rt/core"],
                [EIGEN, OPENCV, r"arv\.h$", r"glib", r"dds/", r"holdfast\.h$", r"toml\+\+/", r"fmt/", r"openssl/",
-                r"CLI/", r"nlohmann/", r"tiffio\.h$", r"SDL2/"]),
+                r"CLI/", r"nlohmann/", r"tiffio\.h$", r"zlib\.h$", r"SDL2/"]),
     "rt/core": (["rt/core"], []),
     "rt": (["rt", "safety", "perception", "registration", "bridge"],
            [EIGEN, OPENCV, r"fmt/", r"spdlog/", r"CLI/", r"nlohmann/"]),
