@@ -9,8 +9,13 @@ namespace holdfast::rt {
 
 ControlCycle::ControlCycle(const ControlParameters& parameters,
                            const safety::RegistrationInput& registration, FrameArrivals& arrivals,
-                           Mailbox<StampedEstimate>& estimates, ControlInbox& inbox)
-    : parameters_(parameters), arrivals_(arrivals), estimates_(estimates), inbox_(inbox) {
+                           Mailbox<StampedEstimate>& estimates, ControlInbox& inbox,
+                           CycleTape* tape)
+    : parameters_(parameters),
+      arrivals_(arrivals),
+      estimates_(estimates),
+      inbox_(inbox),
+      tape_(tape) {
   readings_.registration = registration;
 }
 
@@ -23,6 +28,7 @@ void ControlCycle::run(const CycleInfo& info) noexcept {
   if (!output.decision.approved) withdrawals_.raise(output.decision.reasons.bits(), report_.cycles);
   report_.step_max = std::max(report_.step_max, monotonic_now() - now);
   reports_.publish(report_);
+  if (tape_ != nullptr) tape_->record(info, now, readings_, output, state_);
 }
 
 void ControlCycle::read_inputs(const CycleInfo& info) noexcept {

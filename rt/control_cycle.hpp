@@ -11,6 +11,7 @@
 #include "rt/core/event_queue.hpp"
 #include "rt/core/mailbox.hpp"
 #include "rt/core/stop_latch.hpp"
+#include "rt/cycle_tape.hpp"
 #include "rt/frame_arrivals.hpp"
 
 namespace holdfast::rt {
@@ -35,9 +36,11 @@ struct CycleReport {
 
 class ControlCycle {
  public:
-  /// References must outlive it. Reads `arrivals`, `estimates` and `inbox`.
+  /// References must outlive it. Reads `arrivals`, `estimates` and `inbox`. Every cycle goes on the
+  /// tape, where there is one.
   ControlCycle(const ControlParameters& parameters, const safety::RegistrationInput& registration,
-               FrameArrivals& arrivals, Mailbox<StampedEstimate>& estimates, ControlInbox& inbox);
+               FrameArrivals& arrivals, Mailbox<StampedEstimate>& estimates, ControlInbox& inbox,
+               CycleTape* tape = nullptr);
 
   /// Control thread only.
   void run(const CycleInfo& info) noexcept;
@@ -55,6 +58,7 @@ class ControlCycle {
   FrameArrivals& arrivals_;
   Mailbox<StampedEstimate>& estimates_;
   ControlInbox& inbox_;
+  CycleTape* tape_;
   Mailbox<CycleReport> reports_;
   StopLatch withdrawals_;
 

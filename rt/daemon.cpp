@@ -13,6 +13,7 @@
 #include "bridge/command_line.hpp"
 #include "rt/control_cycle.hpp"
 #include "rt/core/memory_lock.hpp"
+#include "rt/daemon_recorder.hpp"
 #include "rt/publisher.hpp"
 #include "rt/tracking_thread.hpp"
 
@@ -121,6 +122,9 @@ void run_daemon(const DaemonConfig& config) {
   advisories.insert(look_at_security(config.security));
   const safety::RegistrationInput registration = registration_input(config);
 
+  const ControlParameters parameters = control_parameters(config, advisories);
+  DaemonRecorder recorder{config, parameters};
+
   // 2. The domain is ours, or a refusal. Nothing is published before the first cycle.
   Publisher publisher{config, registration, advisories};
 
@@ -131,28 +135,29 @@ void run_daemon(const DaemonConfig& config) {
 
   // 4. The control loop, and on the same grid a little later the publishing thread.
   ControlInbox inbox;
-  ControlCycle cycle{control_parameters(config, advisories), registration, intake.arrivals(),
-                     tracking.for_control(), inbox};
+  ControlCycle cycle{parameters, registration,   intake.arrivals(), tracking.for_control(),
+                     inbox,      recorder.tape()};
   const bridge::CameraSource camera{
       config.camera, [&intake](const bridge::CameraReport& report) { intake.on_report(report); }};
   spdlog::info("camera: {}", camera.description());
   CyclicThread control{thread_parameters(config.loop, "control", config.loop.control_priority, 0ns),
                        [&cycle](const CycleInfo& info) { cycle.run(info); }};
-  CyclicThread publishing{thread_parameters(config.loop, "publish", config.loop.publish_priority,
-                                            config.loop.publish_phase),
-                          [&](const CycleInfo&) {
-                            const bridge::CameraCounters counters = camera.counters();
-                            publisher.run(cycle.reports(), cycle.withdrawals(),
-                                          tracking.for_publishing(), inbox,
-                                          {counters.frames, counters.incomplete, counters.missing,
-                                           intake.frames_skipped(), intake.clock_sigma()});
-                          }};
+  CyclicThread publishing{
+      thread_parameters(config.loop, "publish", config.loop.publish_priority,
+                        config.loop.publish_phase),
+      [&](const CycleInfo&) {
+        const bridge::CameraCounters counters = camera.counters();
+        publisher.run(cycle.reports(), cycle.withdrawals(), tracking.for_publishing(), inbox,
+                      {counters.frames, counters.incomplete, counters.missing,
+                       intake.frames_skipped(), intake.clock_sigma(), recorder.advisories()});
+      }};
   spdlog::info("running: domain {}, {} us loop, registration {:016x}", config.domain,
                config.loop.period / 1us, registration.id);
 
   // 5. Until told to end: log what changed.
   while (!bridge::is_interrupted()) {
     log_changes(publisher.log());
+    recorder.log_changes();
     std::this_thread::sleep_for(kHousekeepingPeriod);
   }
   control.stop();

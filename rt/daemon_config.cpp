@@ -7,6 +7,7 @@
 
 #include "bridge/camera_file.hpp"
 #include "bridge/config_file.hpp"
+#include "bridge/recorder/segment_folder.hpp"
 #include "bridge/robot_config.hpp"
 #include "rt/core/error.hpp"
 
@@ -148,6 +149,20 @@ safety::HandEyeSigma read_hand_eye_sigma(const ConfigSection& section) {
   return sigma;
 }
 
+std::optional<RecorderConfig> read_recorder(const ConfigSection& root) {
+  if (!root.has("recorder")) return std::nullopt;
+  const ConfigSection section = root.section("recorder");
+  constexpr std::uint64_t kMegabyte = 1'000'000;
+  RecorderConfig recorder;
+  recorder.folder = section.path("folder");
+  const int size_mb = section.integer(
+      "size_max_mb", static_cast<int>(recorder.size_max_bytes / kMegabyte), {32, 1'000'000});
+  recorder.size_max_bytes = static_cast<std::uint64_t>(size_mb) * kMegabyte;
+  if (const auto what = bridge::invalid_recording_folder(recorder.folder))
+    throw InputError(fmt::format("{}: {}", section.where("folder"), *what));
+  return recorder;
+}
+
 /// The target the file states, else the first one that the registration was judged at.
 Eigen::Vector3d target_of(const ConfigSection& section, const std::vector<double>& stated,
                           const registration::Registration& registration) {
@@ -187,6 +202,7 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
   config.T_robot_camera = bridge::read_robot_camera(root.section("robot"));
   config.hand_eye_sigma = read_hand_eye_sigma(root.section("robot"));
+  config.recorder = read_recorder(root);
   const ConfigSection registration = root.section("registration");
   const std::filesystem::path calibration_file = root.section("camera").path("calibration");
   const std::filesystem::path registration_file = registration.path("file");

@@ -13,6 +13,7 @@
 #include "perception/tracker_parameters.hpp"
 #include "registration/registration_file.hpp"
 #include "rt/pose_filter.hpp"
+#include "rt/recorder_config.hpp"
 #include "safety/gate.hpp"
 #include "safety/limits.hpp"
 
@@ -49,6 +50,7 @@ struct DaemonConfig {
   safety::HandEyeSigma hand_eye_sigma;
   PoseFilterParameters filter;
   safety::Limits limits;
+  std::optional<RecorderConfig> recorder;  ///< absent: nothing is recorded
 };
 
 /// Reads `file` (annotated example: config/holdfastd.toml), the calibration and the registration

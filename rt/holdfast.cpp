@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   holdfast::rt::add_project(app);
   holdfast::rt::add_reconstruct(app);
   holdfast::rt::add_register(app);
+  holdfast::rt::add_replay(app);
   holdfast::rt::add_study(app);
   holdfast::rt::add_surface(app);
   holdfast::rt::add_track(app);

@@ -67,6 +67,23 @@ void PoseFilter::reset() noexcept {
   *this = PoseFilter();
 }
 
+PoseFilter::Snapshot PoseFilter::snapshot() const noexcept {
+  return {has_state_, t_,          T_camera_site_,      p_pivot_site_mm_,
+          velocity_,  covariance_, estimate_covariance_};
+}
+
+void PoseFilter::restore(const Snapshot& snapshot) noexcept {
+  const auto& [has_state, t, T_camera_site, p_pivot, velocity, covariance, estimate_covariance] =
+      snapshot;
+  has_state_ = has_state;
+  t_ = t;
+  T_camera_site_ = T_camera_site;
+  p_pivot_site_mm_ = p_pivot;
+  velocity_ = velocity;
+  covariance_ = covariance;
+  estimate_covariance_ = estimate_covariance;
+}
+
 PoseFilter::Correction PoseFilter::correct(const perception::MotionEstimate& estimate,
                                            const PoseFilterParameters& parameters) noexcept {
   if (!is_valid(estimate)) return Correction::invalid_number;

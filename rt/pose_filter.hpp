@@ -70,10 +70,23 @@ class PoseFilter {
   /// Exposure of the newest estimate taken in.
   [[nodiscard]] std::chrono::nanoseconds t_newest() const noexcept { return t_; }
 
- private:
   using Vector6d = Eigen::Matrix<double, 6, 1>;
   using Matrix6d = perception::Matrix6d;
   using Matrix12d = Eigen::Matrix<double, 12, 12>;
+  /// All that it remembers, for recordings: a filter restored from it goes on bit for bit alike.
+  struct Snapshot {
+    bool has_state = false;
+    std::chrono::nanoseconds t{};
+    Eigen::Isometry3d T_camera_site = Eigen::Isometry3d::Identity();
+    Eigen::Vector3d p_pivot_site_mm = Eigen::Vector3d::Zero();
+    Vector6d velocity = Vector6d::Zero();
+    Matrix12d covariance = Matrix12d::Identity();
+    Matrix6d estimate_covariance = Matrix6d::Identity();
+  };
+  [[nodiscard]] Snapshot snapshot() const noexcept;
+  void restore(const Snapshot& snapshot) noexcept;
+
+ private:
   void start(const perception::MotionEstimate& estimate,
              const PoseFilterParameters& parameters) noexcept;
   void move_pivot(const Eigen::Vector3d& p_pivot_site_mm) noexcept;

@@ -120,6 +120,7 @@ void Publisher::publish_health(const StampedEstimate& estimate, const HealthSour
   figures.wake_lateness_max_us = whole_us(report_.wake_lateness_max);
   figures.step_max_us = whole_us(report_.step_max);
   figures.advisories = advisories_;
+  figures.advisories.insert(sources.advisories.with(safety::Severity::advisory));
   msg::TrackingHealth health = dds::to_message(estimate.motion, figures);
   (void)health_.publish(health);
   t_health_published_ = monotonic_now();

@@ -27,6 +27,7 @@ struct LogEvent {
 struct HealthSources {
   std::uint64_t frames_received = 0, frames_incomplete = 0, frames_missing = 0, frames_skipped = 0;
   std::chrono::nanoseconds clock_sigma{};
+  safety::ReasonSet advisories;  ///< that come and go, beside those known at the start
 };
 
 class Publisher {

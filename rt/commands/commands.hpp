@@ -19,6 +19,7 @@ void add_pattern(CLI::App& app);
 void add_project(CLI::App& app);
 void add_reconstruct(CLI::App& app);
 void add_register(CLI::App& app);
+void add_replay(CLI::App& app);
 void add_surface(CLI::App& app);
 void add_track(CLI::App& app);
 

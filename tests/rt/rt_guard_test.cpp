@@ -10,6 +10,7 @@
 
 #include <gtest/gtest.h>
 
+#include "rt/control_cycle.hpp"
 #include "tests/rt/rt_path.hpp"
 
 namespace holdfast::rt {
@@ -80,6 +81,35 @@ TEST(ControlStep, RunsWithoutHeapAndWithoutLocks) {
   EXPECT_TRUE(modes.contains(safety::Mode::permitted));
   EXPECT_TRUE(modes.contains(safety::Mode::hold));
   EXPECT_TRUE(modes.contains(safety::Mode::stop_latched));
+}
+
+/// The daemon's own cycle, with inputs, onto a tape that nobody empties: also its refusals count.
+TEST(ControlCycle, RecordsWithoutHeapAndWithoutLocks) {
+  RecordProperty("requirement", "SR-120");
+  FrameArrivals arrivals;
+  Mailbox<StampedEstimate> estimates;
+  ControlInbox inbox;
+  const auto tape = std::make_unique<CycleTape>();
+  testing::VirtualInputs inputs;
+  ControlCycle cycle(testing::healthy_parameters(), inputs.registration, arrivals, estimates, inbox,
+                     tape.get());
+  GuardCounts sum;
+  safety::Timestamp now = testing::kStart;
+  constexpr std::uint64_t kCycles = CycleTape::kCycles + 1500;
+  for (CycleInfo info; info.index < kCycles; ++info.index) {
+    now += std::chrono::milliseconds(1);
+    const Readings readings = inputs.at(now);
+    for (std::size_t i = 0; i < readings.arrival_count; ++i)
+      ASSERT_TRUE(arrivals.try_push(readings.arrivals[i]));
+    if (readings.estimate) estimates.publish(*readings.estimate);
+    inbox.robot_status.publish(*readings.robot_status);
+    const GuardCounts counts = counts_of([&] { cycle.run(info); });
+    sum.allocations += counts.allocations;
+    sum.locks += counts.locks;
+  }
+  EXPECT_EQ(sum.allocations, 0U);
+  EXPECT_EQ(sum.locks, 0U);
+  EXPECT_EQ(tape->dropped(), 1500U);
 }
 
 }  // namespace
