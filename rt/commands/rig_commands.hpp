@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include "rt/study/tracking_study.hpp"
+
 namespace CLI {
 class App;
 }
@@ -12,6 +14,9 @@ class App;
 namespace holdfast::rt {
 
 void add_study(CLI::App& app);
+/// `study --tracking`: writes `out`, prints the figures.
+void study_tracking(const TrackingSettings& settings, const std::string& out, bool is_json,
+                    const StudyProgress& progress);
 /// `demo --setup`, given the words after it. Throws CLI::ParseError and holdfast::Error.
 void run_demo_setup(std::vector<std::string> words);
 

@@ -33,6 +33,9 @@ constexpr const char* kExample =
     "  holdfast study --out study/\n"
     "and a first look in a few minutes: one zoom, one repeat\n"
     "  holdfast study --out look/ --zooms 1.3 --repeats 1\n"
+    "Paper B's experiment, its three scenes and two paths, and a first look at one of each\n"
+    "  holdfast study --tracking --out tracking/\n"
+    "  holdfast study --tracking --out look/ --scenes cavity_bone --motions spiral:0.2\n"
     "Writes report.html (one self-contained page) and results.csv (every reconstruction); "
     "settings\n"
     "are in study.json before the first image is made. A rig is a program that answers requests "
@@ -45,6 +48,10 @@ struct Options {
   std::string out, rig, patterns;
   std::uint32_t phantom_seed = 1000;
   bool is_lattice = false, is_json = false;
+
+  TrackingSettings tracking;
+  std::vector<std::string> scenes{"cavity_bone", "cavity_covered", "cavity_bloody"};
+  bool is_tracking = false;
 };
 
 void show(int done, int all, const std::string& what) {
@@ -133,9 +140,25 @@ void report(const Options& options, const StudyResult& result) {
                json["refused"].get<int>());
 }
 
+/// Each scene is a room of its own.
+void run_tracking(Options& options) {
+  TrackingSettings& s = options.tracking;
+  s.calibration_pairs = options.settings.calibration_pairs;
+  s.setup = options.settings.setup;
+  if (options.settings.zooms.size() == 1) s.zoom = options.settings.zooms.front();
+  if (!options.rig.empty()) s.scenes = {{"rig", rig_command(options.rig)}};
+  for (const std::string& scene : options.scenes)
+    if (options.rig.empty())
+      s.scenes.push_back({scene, virtual_rig({"--seed", fmt::format("{}", options.settings.seed),
+                                              "--phantom", scene})});
+  const ClearLine clear;
+  study_tracking(s, options.out, options.is_json, show);
+}
+
 void run(Options options) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   bridge::catch_interrupts();
+  if (options.is_tracking) return run_tracking(options);
   prepare(options);
   cv::setNumThreads(options.settings.setup.threads);
   StudyResult result;
@@ -185,6 +208,21 @@ void add_study(CLI::App& app) {
                     "Command of the rig (default: holdfast-sim rig beside this)");
   study->add_option("--threads", s.setup.threads, "Of the reconstruction")
       ->check(CLI::Range(1, 64))
+      ->capture_default_str();
+  study->add_flag(
+      "--tracking", options->is_tracking,
+      "Paper B's experiment instead: scenes x motions, three methods on the same frames");
+  study->add_option("--scenes", options->scenes, "With --tracking: what the virtual rig shows")
+      ->delimiter(',')
+      ->capture_default_str();
+  study
+      ->add_option("--motions", options->tracking.motions,
+                   "With --tracking: linear, spiral, breathing, tilt, lift, roll, bump; with :F "
+                   "larger or smaller")
+      ->delimiter(',')
+      ->default_val(std::vector<std::string>{"linear", "spiral"});
+  study->add_option("--rate", options->tracking.rate_hz, "With --tracking: frames/s")
+      ->check(CLI::Range(1.0, 240.0))
       ->capture_default_str();
   study->add_flag("--json", options->is_json, "Print one JSON object on stdout");
   study->footer(kExample);

@@ -2,7 +2,6 @@
 // `holdfast track`: follows the site through a recorded sequence, against its first frame, and
 // writes the trajectory.
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
@@ -11,7 +10,6 @@
 #include <string>
 #include <vector>
 
-#include <Eigen/Eigenvalues>
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utils/logger.hpp>
@@ -33,6 +31,8 @@
 #include "registration/stereo_calibration.hpp"
 #include "rt/commands/commands.hpp"
 #include "rt/core/error.hpp"
+#include "rt/study/stage_statistics.hpp"
+#include "rt/study/trajectory_file.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -41,10 +41,6 @@ using perception::MotionEstimate;
 using perception::TrackingReason;
 using perception::TrackingStatus;
 
-constexpr const char* kHeader =
-    "frame,t_ns,status,dx_um,dy_um,rotation_rad,scale,tx_mm,ty_mm,tz_mm,qx,qy,qz,qw,sigma_t_mm,"
-    "sigma_r_rad,inliers,drift_um,latency_us\n";
-constexpr const char* kLostRow = ",,,,,,,,,,,,,,,,";
 constexpr const char* kExample =
     "Example: a recording of the site with the depth that `holdfast reconstruct` made\n"
     "  holdfast track --frames recording/ --calibration stereo.yaml --zoom 1.3 --depth d.tiff "
@@ -64,77 +60,25 @@ struct Options {
   bool is_json = false;
 };
 
-struct Stage {
-  const char* name;
-  std::chrono::nanoseconds perception::StageTimes::*time;
-  std::vector<double> ms{};
-};
-
 struct Outcome {
   int frames = 0;
   std::map<TrackingStatus, int> count;
   std::map<TrackingReason, int> reasons;              // of the frames that are not tracked
   TrackingReason last_reason = TrackingReason::none;  // of the newest lost frame
-  std::string csv = kHeader, tum;
-  std::vector<Stage> stages = {
-      {"mask", &perception::StageTimes::mask},       {"detect", &perception::StageTimes::detect},
-      {"match", &perception::StageTimes::match},     {"model", &perception::StageTimes::model},
-      {"pyramid", &perception::StageTimes::pyramid}, {"align", &perception::StageTimes::align},
-      {"chain", &perception::StageTimes::chain},     {"check", &perception::StageTimes::check},
-      {"total", &perception::StageTimes::total}};
+  std::string csv = trajectory_header(), tum;
+  StageStatistics stages;
 
   void add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate);
 };
-
-double largest_sigma(const Eigen::Matrix3d& covariance) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance, Eigen::EigenvaluesOnly);
-  return std::sqrt(std::max(solver.eigenvalues().maxCoeff(), 0.0));
-}
-
-std::string csv_row(const bridge::SequenceFrame& frame, const MotionEstimate& e) {
-  std::string row = fmt::format("{},{},{}", frame.index, frame.t.count(), name(e.status));
-  if (e.status == TrackingStatus::lost) return row + kLostRow + "\n";
-  const Eigen::Quaterniond q(e.T_camera_site.linear());
-  const Eigen::Vector3d t = e.T_camera_site.translation();
-  row += fmt::format(",{:.4f},{:.4f},{:.9f},{:.9f}", e.dx_um, e.dy_um, e.rotation_rad, e.scale);
-  row += fmt::format(",{:.7f},{:.7f},{:.7f},{:.10f},{:.10f},{:.10f},{:.10f}", t.x(), t.y(), t.z(),
-                     q.x(), q.y(), q.z(), q.w());
-  if (e.covariance.allFinite())
-    row += fmt::format(",{:.7f},{:.9f}", largest_sigma(e.covariance.topLeftCorner<3, 3>()),
-                       largest_sigma(e.covariance.bottomRightCorner<3, 3>()));
-  else
-    row += ",,";  // a method that knows no uncertainty
-  row += fmt::format(",{}", e.inliers);
-  row += e.has_drift ? fmt::format(",{:.3f}", e.drift_um) : std::string(",");
-  const double latency_us = static_cast<double>(e.times.total.count()) / 1000;
-  return row + fmt::format(",{:.1f}\n", latency_us);
-}
-
-/// Time in s, position in m, quaternion: one line a pose, none for a lost frame.
-std::string tum_row(const bridge::SequenceFrame& frame, const MotionEstimate& e) {
-  if (e.status == TrackingStatus::lost) return {};
-  const Eigen::Quaterniond q(e.T_camera_site.linear());
-  const Eigen::Vector3d t_m = e.T_camera_site.translation() / 1000;
-  return fmt::format("{}.{:09d} {:.10f} {:.10f} {:.10f} {:.10f} {:.10f} {:.10f} {:.10f}\n",
-                     frame.t.count() / 1'000'000'000, std::abs(frame.t.count() % 1'000'000'000),
-                     t_m.x(), t_m.y(), t_m.z(), q.x(), q.y(), q.z(), q.w());
-}
 
 void Outcome::add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate) {
   ++frames;
   ++count[estimate.status];
   if (estimate.reason != TrackingReason::none) ++reasons[estimate.reason];
   if (estimate.status == TrackingStatus::lost) last_reason = estimate.reason;
-  csv += csv_row(frame, estimate);
-  tum += tum_row(frame, estimate);
-  for (Stage& stage : stages)
-    stage.ms.push_back(static_cast<double>((estimate.times.*stage.time).count()) / 1e6);
-}
-
-double percentile(std::vector<double> values, double share) {
-  const auto k = std::lround(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + k, values.end());
-  return values[static_cast<std::size_t>(k)];
+  csv += trajectory_row(frame.index, frame.t, estimate);
+  tum += tum_row(frame.t, estimate);
+  stages.add(estimate.times);
 }
 
 cv::Mat mask_of(const Options& options, const perception::CameraModel& camera) {
@@ -309,9 +253,8 @@ void report(const Options& options, Outcome& outcome, bridge::TimeSource times) 
     for (const auto& [reason, frames] : outcome.reasons)
       json["reasons"][std::string(name(reason))] = frames;
     json["times"] = text(times);
-    for (const Stage& stage : outcome.stages)
-      json["timing_ms"][stage.name] = {{"median", percentile(stage.ms, 0.5)},
-                                       {"p99", percentile(stage.ms, 0.99)}};
+    for (const StageTime& stage : outcome.stages.stages())
+      json["timing_ms"][stage.name] = {{"median", stage.median_ms}, {"p99", stage.p99_ms}};
     json["out"] = options.out;
     fmt::print("{}\n", json.dump());
     return;
@@ -322,10 +265,10 @@ void report(const Options& options, Outcome& outcome, bridge::TimeSource times) 
              outcome.count[TrackingStatus::lost], text(times));
   for (const auto& [reason, frames] : outcome.reasons)
     fmt::print("{:>7}  {}\n", frames, name(reason));
-  for (const Stage& stage : outcome.stages)
-    if (percentile(stage.ms, 1) > 0)
-      fmt::print("{:>7}  median {:7.2f} ms  p99 {:7.2f} ms\n", stage.name,
-                 percentile(stage.ms, 0.5), percentile(stage.ms, 0.99));
+  for (const StageTime& stage : outcome.stages.stages())
+    if (stage.max_ms > 0)
+      fmt::print("{:>7}  median {:7.2f} ms  p99 {:7.2f} ms\n", stage.name, stage.median_ms,
+                 stage.p99_ms);
 }
 
 void run(const Options& options) {

@@ -11,6 +11,18 @@
 namespace holdfast::rt {
 namespace {
 
+constexpr const char* kStyle =
+    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
+    "color:#1b2733}h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem}"
+    "table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}th,td{padding:.3rem .7rem;"
+    "text-align:right;border-bottom:1px solid #d8dee4}th{background:#f2f5f8}"
+    "th:first-child,td:first-child{text-align:left}caption{text-align:left;font-weight:600;"
+    "padding:.3rem 0}.q{color:#6b4e00;font-style:italic}.w{background:#fff4d6;border-left:4px "
+    "solid #d99b00;padding:.6rem 1rem}figure{display:inline-block;margin:.5rem 1rem .5rem "
+    "0;vertical-align:top}figure img{width:26rem;max-width:100%;border:1px solid #ccc}"
+    "svg{width:100%;max-width:44rem;height:auto;font:12px system-ui,sans-serif;fill:#1b2733}"
+    "svg .t{font-weight:600;font-size:14px}svg .g{stroke:#d8dee4}svg path{fill:none}";
+
 constexpr double kWidth = 640, kHeight = 300, kLeft = 56, kRight = 150, kTop = 34, kBottom = 40;
 
 /// 1, 2 or 5 times a power of ten, so that at most six of them reach `span`.
@@ -22,6 +34,13 @@ double tick_step(double span) {
 }
 
 }  // namespace
+
+std::string page_head(const std::string& title) {
+  return fmt::format(
+      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
+      "content=\"width=device-width\"><title>{}</title><style>{}</style></head><body>\n",
+      escaped(title), kStyle);
+}
 
 std::string escaped(const std::string& text) {
   std::string result;
@@ -106,6 +125,46 @@ std::string zoom_chart(const std::string& title, const std::vector<double>& zoom
     svg += fmt::format(
         "<circle cx=\"{}\" cy=\"{}\" r=\"4\" fill=\"{}\"/><text x=\"{}\" y=\"{}\">{}</text>\n",
         kWidth - kRight + 16, at, line.colour, kWidth - kRight + 26, at + 4, escaped(line.label));
+  }
+  return svg + "</svg>\n";
+}
+
+std::string plane_chart(const PlaneChart& chart) {
+  constexpr double kSide = 360, kMargin = 44;
+  double reach = 0;
+  for (const PlaneSeries& series : chart.series)
+    for (const std::vector<double>* values : {&series.x, &series.y})
+      for (const double v : *values)
+        if (std::isfinite(v)) reach = std::max(reach, std::abs(v));
+  const double step = tick_step(reach > 0 ? 2 * reach : 1);
+  const double limit = step * std::ceil(std::max(reach, step) / step);
+  const auto px = [&](double v) { return kMargin + (v / limit + 1) / 2 * (kSide - 2 * kMargin); };
+  std::string svg = fmt::format(
+      "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {0}\" role=\"img\" "
+      "style=\"max-width:{0}px\" aria-label=\"{1}\"><text x=\"{2}\" y=\"18\" "
+      "class=\"t\">{1}</text>\n",
+      kSide, escaped(chart.title), kMargin);
+  for (double v = -limit; v <= limit + 0.5 * step; v += step)
+    svg += fmt::format(
+        "<path class=\"g\" d=\"M{0:.1f} {1} V{2} M{1} {0:.1f} H{2}\"/>"
+        "<text x=\"{0:.1f}\" y=\"{3}\" text-anchor=\"middle\">{4:g}</text>"
+        "<text x=\"{5}\" y=\"{6:.1f}\" text-anchor=\"end\">{4:g}</text>\n",
+        px(v), kMargin, kSide - kMargin, kSide - kMargin + 16, std::abs(v) < 1e-9 ? 0 : v,
+        kMargin - 5, px(v) + 4);
+  for (const PlaneSeries& series : chart.series) {
+    std::string path;
+    for (std::size_t i = 0; i < series.x.size() && i < series.y.size(); ++i) {
+      if (!std::isfinite(series.x[i] + series.y[i])) continue;
+      const double x = px(series.x[i]), y = px(series.y[i]);
+      if (chart.is_line)
+        path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : " L", x, y);
+      else
+        svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"1.8\" fill=\"{}\"/>\n", x, y,
+                           series.colour);
+    }
+    if (!path.empty())
+      svg += fmt::format("<path d=\"{}\" stroke=\"{}\" stroke-width=\"{}\"/>\n", path,
+                         series.colour, series.width);
   }
   return svg + "</svg>\n";
 }

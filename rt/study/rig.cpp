@@ -60,6 +60,12 @@ double figure(const json& answer, const char* key) {
   return value.is_number() ? value.get<double>() : DepthJudgement::kUnknown;
 }
 
+json as_json(const SequenceRequest& wanted) {
+  json what{{"zoom", wanted.zoom}, {"motion", wanted.motion}, {"rate_hz", wanted.rate_hz}};
+  if (!wanted.lamps.empty()) what["lamps"] = wanted.lamps;
+  return what;
+}
+
 }  // namespace
 
 RigCommand rig_command(const std::string& text) {
@@ -153,6 +159,39 @@ DepthJudgement Rig::depth_error(const DepthQuestion& question) {
   judgement.p95_mm = figure(answer, "p95_mm");
   judgement.share_over_1_mm = figure(answer, "share_over_1_mm");
   judgement.share_over_1_mm_off_edges = figure(answer, "share_over_1_mm_off_edges");
+  return judgement;
+}
+
+RigSequence Rig::sequence(const SequenceRequest& wanted) {
+  json what = as_json(wanted);
+  what["do"] = "sequence";
+  what["out"] = wanted.out.string();
+  const json answer = request(what);
+  const auto region = answer.value("region_px", std::vector<int>{});
+  RigSequence sequence{answer.value("frames", 0), {}};
+  if (region.size() != 4 || sequence.frames < 1)
+    throw RefusedError(name_ + ": sequence: frames or region_px is missing");
+  sequence.region_px = {region[0], region[1], region[2], region[3]};
+  return sequence;
+}
+
+TrackingJudgement Rig::tracking_error(const TrackingQuestion& question) {
+  json what = as_json(question.sequence);
+  what["do"] = "tracking-error";
+  what["poses"] = question.poses.string();
+  what["calibration"] = question.calibration.string();
+  what["rows"] = question.rows.string();
+  const json answer = request(what);
+  TrackingJudgement judgement;
+  judgement.frames = answer.value("frames", 0);
+  judgement.lost = answer.value("lost", 0);
+  judgement.silently_wrong = answer.value("silently_wrong", 0);
+  judgement.step_mean_um = figure(answer, "step_mean_um");
+  judgement.step_sd_um = figure(answer, "step_sd_um");
+  judgement.absolute_rms_um = figure(answer, "absolute_rms_um");
+  judgement.absolute_max_um = figure(answer, "absolute_max_um");
+  judgement.depth_rms_um = figure(answer, "depth_rms_um");
+  judgement.rotation_rms_mrad = figure(answer, "rotation_rms_mrad");
   return judgement;
 }
 

@@ -56,6 +56,32 @@ struct DepthQuestion {
   int pose = 0;
 };
 
+/// The object moves by `motion` ("linear", "spiral", ... as the rig names them) below the left
+/// camera, from its pose 0.
+struct SequenceRequest {
+  std::filesystem::path out;  ///< folder for frames and timestamps.csv
+  double zoom = 0;
+  std::string motion;
+  double rate_hz = 0;
+  std::string lamps;  ///< as PairRequest::lamps
+};
+struct RigSequence {
+  int frames = 0;
+  cv::Rect region_px;  ///< of the left camera's image that the frames show
+};
+/// A trajectory against how the object truly moved. NaN: of nothing.
+struct TrackingJudgement {
+  int frames = 0, lost = 0, silently_wrong = 0;
+  double step_mean_um = 0, step_sd_um = 0;  ///< frame to frame (paper B, Eq. 7)
+  double absolute_rms_um = 0, absolute_max_um = 0, depth_rms_um = 0, rotation_rms_mrad = 0;
+};
+struct TrackingQuestion {
+  SequenceRequest sequence;           ///< that was tracked
+  std::filesystem::path poses;        ///< poses.csv
+  std::filesystem::path calibration;  ///< stereo.yaml it was tracked with
+  std::filesystem::path rows;         ///< to be written: the errors of each frame (CSV)
+};
+
 class Rig {
  public:
   /// Starts the command. Throws UnavailableError when it cannot be.
@@ -76,6 +102,9 @@ class Rig {
   [[nodiscard]] RigPair pair(const PairRequest& wanted);
   /// Only of a rig that knows the truth.
   [[nodiscard]] DepthJudgement depth_error(const DepthQuestion& question);
+  [[nodiscard]] RigSequence sequence(const SequenceRequest& wanted);
+  /// Only of a rig that knows the truth.
+  [[nodiscard]] TrackingJudgement tracking_error(const TrackingQuestion& question);
 
  private:
   [[nodiscard]] nlohmann::json request(const nlohmann::json& what);

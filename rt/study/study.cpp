@@ -17,6 +17,7 @@
 #include "rt/core/error.hpp"
 #include "rt/study/illumination.hpp"
 #include "rt/study/rig.hpp"
+#include "rt/study/study_files.hpp"
 #include "rt/study/study_pair.hpp"
 
 namespace holdfast::rt {
@@ -24,20 +25,6 @@ namespace {
 
 using nlohmann::json;
 namespace fs = std::filesystem;
-
-void make_folder(const fs::path& path) {
-  std::error_code error;
-  fs::create_directories(path, error);
-  if (error)
-    throw InputError(fmt::format("{}: cannot be made: {}", path.string(), error.message()));
-}
-
-void write_png(const fs::path& path, const cv::Mat& image) {
-  std::vector<uchar> bytes;
-  cv::imencode(".png", image, bytes);
-  bridge::write_file_atomically(path.string(),
-                                {reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-}
 
 std::optional<json> read_json(const fs::path& path) {
   std::ifstream stream(path);

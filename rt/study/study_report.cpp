@@ -14,18 +14,6 @@
 namespace holdfast::rt {
 namespace {
 
-constexpr const char* kStyle =
-    "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
-    "color:#1b2733}h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem}"
-    "table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}th,td{padding:.3rem .7rem;"
-    "text-align:right;border-bottom:1px solid #d8dee4}th{background:#f2f5f8}"
-    "th:first-child,td:first-child{text-align:left}caption{text-align:left;font-weight:600;"
-    "padding:.3rem 0}.q{color:#6b4e00;font-style:italic}.w{background:#fff4d6;border-left:4px "
-    "solid #d99b00;padding:.6rem 1rem}figure{display:inline-block;margin:.5rem 1rem .5rem "
-    "0;vertical-align:top}figure img{width:26rem;max-width:100%;border:1px solid #ccc}"
-    "svg{width:100%;max-width:44rem;height:auto;font:12px system-ui,sans-serif;fill:#1b2733}"
-    "svg .t{font-weight:600;font-size:14px}svg .g{stroke:#d8dee4}svg path{fill:none}";
-
 struct Shown {
   Illumination illumination;
   const char* label;
@@ -234,11 +222,7 @@ std::string limits() {
 std::string study_html(const StudySettings& settings, const std::vector<StudyRow>& rows,
                        double calibration_rms_px, const std::vector<ReportPicture>& heat_maps) {
   const Page page(settings, rows);
-  std::string html = fmt::format(
-      "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
-      "content=\"width=device-width\"><title>Holdfast: study</title><style>{}</style></head>"
-      "<body>\n",
-      kStyle);
+  std::string html = page_head("Holdfast: study");
   html += page.heading(calibration_rms_px) + page.table2() + page.truth_table() + page.charts() +
           page.patterns();
   if (!heat_maps.empty())

@@ -29,6 +29,21 @@ struct ZoomLine {
 [[nodiscard]] std::string zoom_chart(const std::string& title, const std::vector<double>& zooms,
                                      const std::vector<ZoomLine>& lines);
 
+/// Two lengths against each other, both axes alike and through zero (y down, as in an image).
+struct PlaneSeries {
+  std::string colour;
+  std::vector<double> x, y;
+  double width = 2;
+};
+struct PlaneChart {
+  std::string title;
+  bool is_line = true;  ///< else points
+  std::vector<PlaneSeries> series;
+};
+[[nodiscard]] std::string plane_chart(const PlaneChart& chart);
+
+/// From the doctype to the opened body.
+[[nodiscard]] std::string page_head(const std::string& title);
 /// Text for HTML.
 [[nodiscard]] std::string escaped(const std::string& text);
 [[nodiscard]] std::string base64(const std::string& bytes);

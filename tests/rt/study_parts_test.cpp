@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // What the study and the set-up flow are made of: rows, page, region, rig, depth.
+#include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -19,6 +21,8 @@
 #include "rt/study/setup_flow.hpp"
 #include "rt/study/study_report.hpp"
 #include "rt/study/study_row.hpp"
+#include "rt/study/tracking_report.hpp"
+#include "rt/study/trajectory_file.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -230,6 +234,64 @@ TEST_F(RigProgram, OneThatEndsOrTalksNonsenseIsNotThere) {
   Rig rig({saying("read line; echo hello; read line\n")});
   EXPECT_THROW(rig.ct("/tmp/nowhere"), UnavailableError);
   EXPECT_THROW(Rig({"/no/such/rig"}), UnavailableError);
+}
+
+TrackingRow tracked(const std::string& scene, const std::string& motion,
+                    const std::string& method) {
+  TrackingRow row;
+  row.scene = scene;
+  row.motion = motion;
+  row.method = method;
+  row.judged.frames = 90;
+  row.judged.lost = 2;
+  row.judged.step_mean_um = 0.25;
+  row.judged.depth_rms_um = std::nan("");
+  row.stages = {{"mask", 3, 4, 5}, {"total", 7, 9, 12}};
+  row.x_um = {0, 1000, 2000};
+  row.y_um = {0, 500, 0};
+  row.error_x_um = row.error_y_um = {0, 1, 2};
+  row.step_x_um = row.step_y_um = {1, -1};
+  return row;
+}
+
+TEST(TrackingReport, QuotesThePaperBesideItsOwnMethodOnly) {
+  TrackingSettings settings;
+  TrackingResult result;
+  result.rows = {tracked("cavity_bone", "linear", "direct"),
+                 tracked("cavity_bone", "linear", "paper")};
+  std::string html = tracking_html(settings, result);
+  const auto first = html.find("93.9 ± 118.4");
+  ASSERT_NE(first, std::string::npos);
+  EXPECT_EQ(html.find("93.9 ± 118.4", first + 1), std::string::npos);
+  EXPECT_EQ(html.find("nan"), std::string::npos) << "no figure that is none";
+  EXPECT_EQ(html.find("<script"), std::string::npos);
+  result.rows[1].motion = "breathing";
+  EXPECT_EQ(tracking_html(settings, result).find("93.9"), std::string::npos);
+}
+
+TEST(TrackingReport, ARefusalIsARowWithItsReason) {
+  TrackingResult result;
+  result.rows = {tracked("cavity_bone", "spiral", "orb")};
+  result.rows[0].refusal = "too <few> features";
+  EXPECT_NE(tracking_html({}, result).find("refused: too &lt;few&gt; features"), std::string::npos);
+  const std::string csv = tracking_csv(result);
+  EXPECT_NE(csv.find("cavity_bone,spiral,orb,90,2,0,0.25,"), std::string::npos) << csv;
+  EXPECT_EQ(csv.find("nan"), std::string::npos);
+}
+
+TEST(TrajectoryFile, ALostFrameHasNoNumberAndAnUnknownUncertaintyNone) {
+  using namespace std::chrono_literals;
+  perception::MotionEstimate e;
+  const std::string header = trajectory_header();
+  const auto columns = std::count(header.begin(), header.end(), ',');
+  const std::string lost = trajectory_row(3, 100ns, e);
+  EXPECT_EQ(lost, "3,100,lost" + std::string(static_cast<std::size_t>(columns - 2), ',') + "\n");
+  EXPECT_EQ(tum_row(100ns, e), "");
+  e.status = perception::TrackingStatus::tracking;
+  e.covariance.setConstant(std::nan(""));
+  const std::string row = trajectory_row(3, 100ns, e);
+  EXPECT_EQ(std::count(row.begin(), row.end(), ','), columns);
+  EXPECT_EQ(row.find("nan"), std::string::npos) << row;
 }
 
 }  // namespace

@@ -110,7 +110,29 @@ def setup(folder):
     check(code == 2 and is_one_line(err), f"usage: {err.strip()}")
 
 
+def tracking(folder):
+    """Paper B's experiment, its spiral a twentieth as large."""
+    small = ["study", "--tracking", "--out", folder, "--scenes", "cavity_bone", "--pairs", "12"]
+    code, out, err = run(*small, "--motions", "spiral:0.05", "--json")
+    check(code == 0 and err == "", f"the tracking study ends well, silently ({code}: {err.strip()})")
+    rows = {row["method"]: row for row in json.loads(out)["rows"]}
+    check(sorted(rows) == ["direct", "orb", "paper"], "three methods on the same frames")
+    check(all("refusal" not in row and row["frames"] >= 3 and row["lost"] == 0
+              for row in rows.values()), f"each follows every frame ({rows})")
+    ours, paper = rows["direct"], rows["paper"]
+    check(ours["absolute_rms_um"] < 3, f"ours: {ours['absolute_rms_um']:.2f} um since the keyframe")
+    check(ours["step_mean_um"] < paper["step_mean_um"] / 5,
+          f"the paper's: {paper['step_mean_um']:.1f} um from frame to frame")
+    html = (folder / "report.html").read_text()
+    check("<script" not in html and "Not for clinical use" in html and "327" in html,
+          "the page runs nothing and quotes the paper")
+    check(not re.search(r"\bnan\b|\binf\b", html), "no figure that is none")
+    code, out, err = run(*small, "--motions", "wobble")
+    check(code == 1 and is_one_line(err) and "wobble" in err, f"a motion unknown: {err.strip()}")
+
+
 with tempfile.TemporaryDirectory() as folder:
     study(pathlib.Path(folder) / "study")
     setup(pathlib.Path(folder) / "setup")
+    tracking(pathlib.Path(folder) / "tracking")
 sys.exit(1 if failures else 0)

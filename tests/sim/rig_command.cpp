@@ -23,14 +23,16 @@ constexpr const char* kExample =
     "Example: one pair under one pattern, and the same ear without it\n"
     "  echo '{\"do\": \"pair\", \"zoom\": 1.3, \"pattern\": \"dots.png\", \"off\": true, "
     "\"out\": \"pair\"}' | holdfast-sim rig\n"
-    "Each line on stdin is a request: \"do\" is boards, ct, pair or depth-error "
-    "(docs/interfaces.md,\n\"Rig\"). Each is answered by one line on stdout, {\"error\": ...} "
+    "Each line on stdin is a request: \"do\" is boards, ct, pair, depth-error, sequence "
+    "or\ntracking-error (docs/interfaces.md, \"Rig\"). Each is answered by one line on stdout, "
+    "{\"error\": ...} "
     "when it failed. Ends with its\ninput. Paths are relative to where it runs; the same requests "
     "give the same images.";
 
 struct Options {
   std::filesystem::path config;
   std::optional<std::uint32_t> seed, phantom_seed;
+  std::string phantom;
 };
 
 RoomConfig room_of(const Options& options) {
@@ -45,6 +47,7 @@ RoomConfig room_of(const Options& options) {
     config.seed = config.optics.seed = *options.seed;
     config.board.seed = config.board_poses.seed = *options.seed;
   }
+  if (!options.phantom.empty()) config.phantom = options.phantom;
   if (options.phantom_seed) config.phantom_seed = *options.phantom_seed;
   return config;
 }
@@ -79,6 +82,8 @@ void add_rig_command(CLI::App& app) {
   command->add_option("--config", options->config,
                       "the room (see config/or.toml; default: an ear under OR light)");
   command->add_option("--seed", options->seed, "of the microscope, the board and the poses");
+  command->add_option("--phantom", options->phantom, "the object (default: ear)")
+      ->check(CLI::IsMember({"ear", "cavity_bone", "cavity_covered", "cavity_bloody", "relief"}));
   command->add_option("--phantom-seed", options->phantom_seed,
                       "of the phantom's shape; from 1000 on: kept for evaluation");
   command->footer(kExample);

@@ -8,7 +8,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include "tests/sim/demo/csv_table.hpp"
+#include "tests/sim/csv_table.hpp"
 
 namespace holdfast::sim {
 namespace {

@@ -5,7 +5,7 @@
 #include <cinttypes>
 #include <cstdio>
 
-#include "tests/sim/demo/csv_table.hpp"
+#include "tests/sim/csv_table.hpp"
 
 namespace holdfast::sim {
 namespace {

@@ -19,6 +19,8 @@ using Progress = std::function<void(int done, int all)>;
 struct RoomFiles {
   int files = 0;
   std::string truth;
+  int frames = 0;      ///< of a sequence
+  cv::Rect region_px;  ///< of the left camera's image that it shows
 };
 
 /// out/zoom_1.1/left_00.png, right_00.png ...; held-out sets in out/held_out_1/zoom_1.1/...
@@ -53,5 +55,8 @@ struct StereoWish {
 /// Does nothing but say the truth again when `out` already holds this configuration's sequence.
 [[nodiscard]] RoomFiles write_sequence(const RoomConfig& config, const std::filesystem::path& out,
                                        const Progress& progress);
+/// The same of a scene that is there already.
+[[nodiscard]] RoomFiles write_sequence(const RoomConfig& config, RoomScene& scene,
+                                       const std::filesystem::path& out, const Progress& progress);
 
 }  // namespace holdfast::sim

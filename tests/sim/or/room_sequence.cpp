@@ -68,14 +68,20 @@ Eigen::Isometry3d as_isometry(const SitePose& pose) {
 }  // namespace
 
 RoomFiles write_sequence(const RoomConfig& config, const fs::path& out, const Progress& progress) {
+  RoomScene scene(config);
+  return write_sequence(config, scene, out, progress);
+}
+
+RoomFiles write_sequence(const RoomConfig& config, RoomScene& scene, const fs::path& out,
+                         const Progress& progress) {
   const Microscope microscope(config.optics);
   const Trajectory trajectory(config.motion, config.motion_scale, false, microscope.focus_mm());
   const double seconds = std::chrono::duration<double>(trajectory.duration()).count();
   const auto frames = static_cast<std::size_t>(
       std::clamp(seconds * config.frame_rate_hz + 1, 1.0, static_cast<double>(config.frames_max)));
-  const Phantom phantom = make_phantom(config);
   const IdealCalibration ideal = ideal_calibration(microscope.at(config.zoom));
-  const Eigen::Isometry3d T_ct_head = head_poses(config, phantom, microscope.focus_mm()).front();
+  const Eigen::Isometry3d T_ct_head =
+      head_poses(config, scene.phantom, microscope.focus_mm()).front();
   const Eigen::Isometry3d T_site_ct = ideal.T_camera_head * T_ct_head.inverse();
   const std::string stamp = stamp_of(config, frames);
   make_folder(out);
@@ -84,7 +90,6 @@ RoomFiles write_sequence(const RoomConfig& config, const fs::path& out, const Pr
   if (!is_there) fs::remove(out / kStampName, ignored);
 
   const ProjectorOptics projector = make_projector(config.optics.seed, microscope.focus_mm());
-  Renderer renderer(phantom.surfaces, phantom.n_view_ct);
   RoomShot shot;
   shot.optics = microscope.at(config.zoom, config.visit);
   shot.lights = lights_of(config, projector);
@@ -104,7 +109,7 @@ RoomFiles write_sequence(const RoomConfig& config, const fs::path& out, const Pr
     if (is_there) continue;
     shot.T_ct_head = (T_camera_site * T_site_ct).inverse() * ideal.T_camera_head;
     shot.seed = config.seed * 1'000'003U + 500'000U + static_cast<std::uint32_t>(i);
-    const cv::Mat image = renderer.image(shot, Side::left);
+    const cv::Mat image = scene.renderer.image(shot, Side::left);
     write_image(frame_path(out, i), config.is_colour ? coloured(image) : image);
     ++files.files;
     progress(static_cast<int>(i) + 1, static_cast<int>(frames));
@@ -114,6 +119,8 @@ RoomFiles write_sequence(const RoomConfig& config, const fs::path& out, const Pr
     bridge::write_file_atomically((out / kStampName).string(), stamp);
     ++files.files;
   }
+  files.frames = static_cast<int>(frames);
+  files.region_px = shot.region;
   files.truth = json{
       {"what", "sequence"},
       {"zoom", config.zoom},

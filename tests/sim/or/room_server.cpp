@@ -9,12 +9,17 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "bridge/atomic_file.hpp"
 #include "bridge/depth_file.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "rt/core/error.hpp"
+#include "tests/sim/or/calibration_error.hpp"
 #include "tests/sim/or/ct_scanner.hpp"
 #include "tests/sim/or/depth_error.hpp"
 #include "tests/sim/or/dicom_series.hpp"
+#include "tests/sim/or/ideal_calibration.hpp"
+#include "tests/sim/or/tracking_error.hpp"
+#include "tests/sim/trajectory.hpp"
 
 namespace holdfast::sim {
 namespace {
@@ -27,7 +32,7 @@ constexpr double kFilteredOrLight = 0.05;
 constexpr double kOrLight = 0.8, kMicroscopeLight = 0.9;
 constexpr double kMarkerOrLight = 0.6;  // of the frames without the pattern and its filter
 constexpr double kLaserSpeckle = 0.3;   // a diffractive pattern is a laser's; an LED's has none
-constexpr int kPoseMax = 999, kPairsMax = 500;
+constexpr int kPoseMax = 999, kPairsMax = 500, kFramesMax = 20'000;
 
 template <typename Value>
 Value member(const json& request, const char* name) {
@@ -105,6 +110,47 @@ json error_of(const json& request, const RoomConfig& config, const RoomScene& sc
                              config, scene, config.poses - 1));
 }
 
+void set_motion(const json& request, RoomConfig& config) {
+  constexpr double kRateMax = 240;
+  config.motion = member<std::string>(request, "motion");
+  config.frame_rate_hz = member<double>(request, "rate_hz");
+  if (!(config.frame_rate_hz >= 1 && config.frame_rate_hz <= kRateMax))
+    throw InputError(
+        fmt::format("request {}: 'rate_hz' must be 1 to {}", request.dump(), kRateMax));
+  config.frames_max = member<int>(request, "frames_max", kFramesMax);
+  config.text += request.dump();  // what the frames depend on
+}
+
+json sequence_of(const RoomConfig& config, RoomScene& scene, const std::string& out,
+                 const Progress& progress) {
+  const RoomFiles files = write_sequence(config, scene, out, progress);
+  const cv::Rect& r = files.region_px;
+  return {{"frames", files.frames}, {"region_px", {r.x, r.y, r.width, r.height}}};
+}
+
+json tracking_error_of(const json& request, const RoomConfig& config) {
+  const Microscope microscope(config.optics);
+  const auto calibration =
+      registration::read_stereo_calibration(member<std::string>(request, "calibration"));
+  const Eigen::Isometry3d T_camera_ideal =
+      frame_of(registration::calibration_at_zoom(calibration, config.zoom),
+               microscope.at(config.zoom, config.visit)) *
+      ideal_calibration(microscope.at(config.zoom)).T_camera_head.inverse(Eigen::Isometry);
+  const Trajectory truth(config.motion, config.motion_scale, false, microscope.focus_mm());
+  const TrackingError e = tracking_error(member<std::string>(request, "poses"), truth,
+                                         T_camera_ideal, microscope.focus_mm());
+  bridge::write_file_atomically(member<std::string>(request, "rows"), e.rows);
+  return {{"frames", e.frames},
+          {"lost", e.lost},
+          {"silently_wrong", e.silently_wrong},
+          {"step_mean_um", number(e.step_mean_um)},
+          {"step_sd_um", number(e.step_sd_um)},
+          {"absolute_rms_um", number(e.absolute_rms_um)},
+          {"absolute_max_um", number(e.absolute_max_um)},
+          {"depth_rms_um", number(e.depth_rms_um)},
+          {"rotation_rms_mrad", number(e.rotation_rms_mrad)}};
+}
+
 }  // namespace
 
 RoomServer::RoomServer(RoomConfig config) : config_(std::move(config)) {}
@@ -128,10 +174,14 @@ json RoomServer::answer(const json& request, const Progress& progress) {
     const auto out = member<std::string>(request, "out");
     return {{"files", write_calibration_images(config, out, progress).files}};
   }
-  if (what != "pair" && what != "depth-error")
-    throw InputError(
-        fmt::format("request {}: 'do' must be boards, ct, pair or depth-error", request.dump()));
+  const bool is_sequence = what == "sequence", is_tracking_error = what == "tracking-error";
+  if (what != "pair" && what != "depth-error" && !is_sequence && !is_tracking_error)
+    throw InputError(fmt::format(
+        "request {}: 'do' must be boards, ct, pair, depth-error, sequence or tracking-error",
+        request.dump()));
   config.zoom = zoom_of(request);
+  if (is_sequence || is_tracking_error) set_motion(request, config);
+  if (is_tracking_error) return tracking_error_of(request, config);
   StereoWish wish{whole(request, "pose", 0, kPoseMax), {}, false};
   config.poses = *wish.only_pose + 1;  // a pose does not depend on how many come after it
   if (what == "depth-error") return error_of(request, config, scene());
@@ -139,6 +189,7 @@ json RoomServer::answer(const json& request, const Progress& progress) {
   set_pattern(request, config);
   wish.has_off = member<bool>(request, "off", false);
   const auto out = member<std::string>(request, "out");
+  if (is_sequence) return sequence_of(config, scene(), out, progress);
   return {{"files", write_stereo_images(config, scene(), out, wish, progress).files}};
 }
 

@@ -24,8 +24,13 @@ class RoomServer {
   ///    what the pattern's filter lets through; "or"; "microscope"), `pattern` (a file, or
   ///    "random"; none), `off` (false: also a pair without the pattern): as write_stereo_images;
   ///  - "depth-error": `zoom`, `pose`, `calibration` (stereo.yaml), `depth` (TIFF, rectified
-  ///    left): the answer is a DepthError, `*_mm` null where nothing is known. Nothing else answers
-  ///    truth.
+  ///    left): the answer is a DepthError, `*_mm` null where nothing is known. Of the truth nothing
+  ///    else is answered, but by "tracking-error";
+  ///  - "sequence": `zoom`, `motion`, `rate_hz`, `out`, `lamps`, and if wanted `frames_max`: as
+  ///    write_sequence: {"frames", "region_px": [x, y, width, height]};
+  ///  - "tracking-error": the same `zoom`, `motion` and `rate_hz`, `calibration` (stereo.yaml),
+  ///    `poses` (poses.csv of `holdfast track`), `rows` (a CSV to be written: the error of each
+  ///    frame): the answer is a TrackingError.
   /// Other answers: {"files": count}. Throws holdfast::Error; InputError for such a request.
   [[nodiscard]] nlohmann::json answer(const nlohmann::json& request, const Progress& progress);
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "tests/sim/demo/csv_table.hpp"
+#include "tests/sim/csv_table.hpp"
 
 #include <algorithm>
 #include <charconv>

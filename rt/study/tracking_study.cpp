@@ -1,0 +1,224 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "rt/study/tracking_study.hpp"
+
+#include <cstdlib>
+#include <fstream>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <sstream>
+
+#include <fmt/format.h>
+
+#include "bridge/atomic_file.hpp"
+#include "bridge/depth_file.hpp"
+#include "bridge/image_sequence.hpp"
+#include "perception/direct_tracker.hpp"
+#include "perception/paper_tracker.hpp"
+#include "perception/tracker.hpp"
+#include "perception/tracker_parameters.hpp"
+#include "registration/pattern.hpp"
+#include "registration/reconstruction.hpp"
+#include "registration/stereo_calibration.hpp"
+#include "rt/core/error.hpp"
+#include "rt/study/illumination.hpp"
+#include "rt/study/setup_flow.hpp"
+#include "rt/study/study_files.hpp"
+#include "rt/study/trajectory_file.hpp"
+
+namespace holdfast::rt {
+namespace {
+
+namespace fs = std::filesystem;
+using perception::MotionEstimate;
+using perception::TrackingReason;
+
+constexpr const char* kMethods[] = {"direct", "orb", "paper"};
+
+/// The left camera as calibrated, of the part of its image that the frames show.
+perception::CameraModel camera_of(const registration::ZoomCalibration& zoom,
+                                  const cv::Rect& region_px) {
+  perception::CameraModel camera;
+  camera.width_px = region_px.width;
+  camera.height_px = region_px.height;
+  const cv::Matx33d& K = zoom.camera_matrix_left;
+  camera.fx_px = K(0, 0);
+  camera.fy_px = K(1, 1);
+  camera.cx_px = K(0, 2) - region_px.x;
+  camera.cy_px = K(1, 2) - region_px.y;
+  camera.distortion = zoom.distortion_left.clone();
+  return camera;
+}
+
+/// Follows the frames; `row` gets the times, or why there is nothing.
+template <typename AnyTracker>
+std::string follow(AnyTracker tracker, const fs::path& frames,
+                   const perception::SiteGeometry& geometry, TrackingRow& row) {
+  bridge::ImageSequence sequence(frames.string(), std::nullopt);
+  std::string csv = trajectory_header();
+  StageStatistics stages;
+  while (const auto frame = sequence.next()) {
+    if (frame->index == 0) {
+      const TrackingReason reason = tracker.set_keyframe(frame->image, geometry);
+      if (reason != TrackingReason::none) {
+        row.refusal = fmt::format("the keyframe cannot serve: {}", name(reason));
+        return {};
+      }
+    }
+    const MotionEstimate estimate = tracker.track(frame->image, frame->t);
+    csv += trajectory_row(frame->index, frame->t, estimate);
+    if (frame->index == 0) continue;
+    stages.add(estimate.times);
+  }
+  row.stages = stages.stages();
+  return csv;
+}
+
+/// The columns of the rig's error table.
+void read_errors(const fs::path& file, TrackingRow& row) {
+  std::ifstream stream(file);
+  std::string line;
+  std::getline(stream, line);
+  while (std::getline(stream, line)) {
+    std::vector<std::string> cells;
+    std::istringstream text(line);
+    for (std::string cell; std::getline(text, cell, ',');) cells.push_back(cell);
+    if (cells.size() < 9) throw InputError(file.string() + ": is no table of errors");
+    const auto value = [&](std::size_t k) { return std::strtod(cells[k].c_str(), nullptr); };
+    row.x_um.push_back(value(3));
+    row.y_um.push_back(value(4));
+    row.error_x_um.push_back(value(5));
+    row.error_y_um.push_back(value(6));
+    if (cells[7].empty()) continue;
+    row.step_x_um.push_back(value(7));
+    row.step_y_um.push_back(value(8));
+  }
+}
+
+class TrackingStudy {
+ public:
+  TrackingStudy(const TrackingSettings& settings, const fs::path& folder,
+                const StudyProgress& progress)
+      : settings_(settings), folder_(fs::absolute(folder)), progress_(progress) {
+    all_ =
+        static_cast<int>(settings_.scenes.size() * settings_.motions.size() * std::size(kMethods));
+  }
+
+  TrackingResult run() {
+    make_folder(folder_);
+    for (const TrackingScene& scene : settings_.scenes) {
+      Rig rig(scene.rig);
+      if (!zoom_) calibrate(rig);
+      follow_scene(rig, scene.name);
+    }
+    return std::move(result_);
+  }
+
+ private:
+  void tell(const std::string& what) const { progress_(done_, all_, what); }
+
+  void calibrate(Rig& rig) {
+    const fs::path images = folder_ / "boards", out = folder_ / "stereo.yaml";
+    fs::remove_all(images);
+    tell(fmt::format("calibration images at zoom {:g}", settings_.zoom));
+    rig.boards(settings_.zoom, settings_.calibration_pairs, images);
+    const auto outcome =
+        calibrate_images(images, settings_.setup, [this](const std::string& what) { tell(what); });
+    bridge::write_file_atomically(out.string(),
+                                  registration::stereo_calibration_text(outcome.calibration));
+    fs::remove_all(images);
+    zoom_ = registration::calibration_at_zoom(outcome.calibration, settings_.zoom);
+    result_.calibration_rms_px = zoom_->rms_px;
+  }
+
+  /// The depth under the keyframe, on the whole left image's own grid, as `reconstruct` delivers it
+  /// under the adaptive pattern.
+  cv::Mat1f reconstruct(Rig& rig, const fs::path& out) {
+    const fs::path pattern = out / "pattern.png";
+    write_png(pattern, registration::make_pattern({}));
+    PairRequest request = lit_by(Illumination::adaptive, pattern);
+    request.out = out / "pair";
+    request.zoom = settings_.zoom;
+    request.has_off = false;
+    const RigPair pair = rig.pair(request);
+    registration::ReconstructionOptions options;
+    options.threads = settings_.setup.threads;
+    registration::Reconstructor reconstructor(*zoom_, pair.shot.left.size(), options);
+    const registration::Reconstruction surface = reconstructor.reconstruct({&pair.shot, 1});
+    if (surface.status != registration::ReconstructionStatus::done)
+      throw RefusedError(fmt::format("reconstruction: {}: {}", registration::name(surface.status),
+                                     surface.evidence));
+    const registration::Rectification& geometry = reconstructor.rectification();
+    const cv::Mat1f whole =
+        registration::on_whole_grid(surface.depth_mm, surface.region_px, geometry.size_px,
+                                    std::numeric_limits<float>::quiet_NaN());
+    return depth_for_camera(whole, geometry, zoom_->camera_matrix_left);
+  }
+
+  void follow_scene(Rig& rig, const std::string& scene) {
+    const fs::path out = folder_ / scene;
+    make_folder(out);
+    tell(scene + ": depth");
+    const cv::Mat1f depth_mm = reconstruct(rig, out);
+    for (const std::string& motion : settings_.motions) {
+      SequenceRequest request;
+      request.out = out / motion / "frames";
+      request.zoom = settings_.zoom;
+      request.motion = motion;
+      request.rate_hz = settings_.rate_hz;
+      request.lamps = "microscope";  // as a surgeon works, and paper B's frames are lit
+      tell(fmt::format("{}, {}: frames", scene, motion));
+      const RigSequence sequence = rig.sequence(request);
+      const cv::Mat1f seen_mm = depth_mm(sequence.region_px).clone();
+      const auto known = static_cast<double>(cv::countNonZero(seen_mm == seen_mm));
+      result_.depth_coverage[scene] = known / static_cast<double>(seen_mm.total());
+      bridge::write_depth_file((out / "depth.tiff").string(), seen_mm);
+      for (const char* method : kMethods) {
+        tell(fmt::format("{}, {}: {}", scene, motion, method));
+        TrackingRow row;
+        row.scene = scene;
+        row.motion = motion;
+        row.method = method;
+        measure(rig, request, camera_of(*zoom_, sequence.region_px), seen_mm, row);
+        result_.rows.push_back(std::move(row));
+        ++done_;
+      }
+    }
+  }
+
+  void measure(Rig& rig, const SequenceRequest& request, const perception::CameraModel& camera,
+               const cv::Mat1f& depth_mm, TrackingRow& row) {
+    const perception::SiteGeometry site = perception::SiteDepth{depth_mm};
+    const perception::TrackerParameters parameters;
+    std::string csv;
+    if (row.method == "direct")
+      csv = follow(perception::DirectTracker(camera, parameters), request.out, site, row);
+    else if (row.method == "orb")
+      csv = follow(perception::Tracker(camera, parameters), request.out, site, row);
+    else
+      csv = follow(perception::PaperTracker(camera, parameters), request.out, site, row);
+    if (!row.refusal.empty()) return;
+    const fs::path out = request.out.parent_path();
+    TrackingQuestion question{request, out / (row.method + ".csv"), folder_ / "stereo.yaml",
+                              out / (row.method + "_errors.csv")};
+    bridge::write_file_atomically(question.poses.string(), csv);
+    row.judged = rig.tracking_error(question);
+    read_errors(question.rows, row);
+  }
+
+  const TrackingSettings& settings_;
+  const fs::path folder_;
+  const StudyProgress& progress_;
+  std::optional<registration::ZoomCalibration> zoom_;
+  TrackingResult result_;
+  int done_ = 0, all_ = 0;
+};
+
+}  // namespace
+
+TrackingResult run_tracking_study(const TrackingSettings& settings, const fs::path& folder,
+                                  const StudyProgress& progress) {
+  return TrackingStudy(settings, folder, progress).run();
+}
+
+}  // namespace holdfast::rt
