@@ -2,12 +2,7 @@
 #include "bridge/can/microscope.hpp"
 
 #include <cmath>
-#include <string>
 #include <utility>
-
-#include <linux/can/error.h>
-
-#include "rt/core/error.hpp"
 
 namespace holdfast::bridge::can {
 namespace {
@@ -16,150 +11,42 @@ using std::chrono::nanoseconds;
 
 constexpr int kFramesPerPoll = 256;  // a flood must not keep the caller here
 
-/// Faults that leave it open which optics are set.
-bool is_in_doubt(FaultSet faults) noexcept {
-  faults.erase(Fault::error_passive);
-  faults.erase(Fault::transmit_queue_full);
-  faults.erase(Fault::command_refused);
-  return !faults.empty();
-}
-
 }  // namespace
-
-std::string_view name(Fault fault) noexcept {
-  switch (fault) {
-    case Fault::node_missing:
-      return "node_missing";
-    case Fault::node_not_operational:
-      return "node_not_operational";
-    case Fault::state_silent:
-      return "state_silent";
-    case Fault::bus_off:
-      return "bus_off";
-    case Fault::error_passive:
-      return "error_passive";
-    case Fault::transmit_queue_full:
-      return "transmit_queue_full";
-    case Fault::receive_overflow:
-      return "receive_overflow";
-    case Fault::interface_down:
-      return "interface_down";
-    case Fault::message_corrupt:
-      return "message_corrupt";
-    case Fault::counter_skipped:
-      return "counter_skipped";
-    case Fault::command_refused:
-      return "command_refused";
-    case Fault::command_unconfirmed:
-      return "command_unconfirmed";
-  }
-  return "unknown";
-}
 
 Microscope::Microscope(std::unique_ptr<Transport> transport, const MicroscopeParameters& parameters,
                        nanoseconds now)
-    : transport_(std::move(transport)),
-      parameters_(parameters),
-      t_heartbeat_(now),
-      t_state_(now),
-      dropped_seen_(transport_->dropped()) {
-  if (parameters.node < 1 || parameters.node > 127)
-    throw InputError("microscope: node " + std::to_string(parameters.node) +
-                     " must be in [1, 127]");
-  const nanoseconds shortest = std::chrono::milliseconds(1);
-  if (parameters.heartbeat_period < shortest || parameters.state_period < shortest ||
-      parameters.confirm_timeout < shortest)
-    throw InputError("microscope: heartbeat, state and confirm times must be at least 1 ms");
+    : transport_(std::move(transport)), parameters_(parameters), watch_(parameters, now) {
+  watch_.supervise(now, transport_->is_up(), transport_->dropped());
 }
 
 const MicroscopeReport& Microscope::poll(nanoseconds now) noexcept {
   Frame frame;
-  for (int i = 0; i < kFramesPerPoll && transport_->receive(frame); ++i) take(frame, now);
-  supervise(now);
-  report_.t_state = t_state_;
-  report_.is_moving = is_drive_moving_ || pending_.has_value();
-  report_.optics.reset();
-  if (has_state_ && !is_in_doubt(report_.faults)) report_.optics = optics_;
-  return report_;
-}
-
-void Microscope::take(const Frame& frame, nanoseconds now) noexcept {
-  if (frame.is_error) {
-    take_error(frame);
-  } else if (frame.id == kHeartbeatId + parameters_.node) {
-    const auto heartbeat = decode_heartbeat(frame, parameters_.node);
-    if (!heartbeat) return report_.faults.insert(Fault::message_corrupt);
-    follow_counter(heartbeat->counter, heartbeat_counter_);
-    t_heartbeat_ = now;
-    is_operational_ = heartbeat->state == NodeState::operational;
-  } else if (frame.id == kStateId) {
-    const auto state = decode_state(frame);
-    if (!state) return report_.faults.insert(Fault::message_corrupt);
-    take_state(*state, now);
-  } else if (frame.id == kConfirmId) {
-    const auto confirm = decode_confirm(frame);
-    if (!confirm) return report_.faults.insert(Fault::message_corrupt);
-    take_confirm(*confirm);
-  }
-}
-
-void Microscope::take_error(const Frame& frame) noexcept {
-  if ((frame.id & CAN_ERR_BUSOFF) != 0) report_.faults.insert(Fault::bus_off);
-  if ((frame.id & CAN_ERR_CRTL) == 0) return;
-  const std::uint8_t controller = frame.data[1];
-  if ((controller & (CAN_ERR_CRTL_RX_OVERFLOW | CAN_ERR_CRTL_TX_OVERFLOW)) != 0)
-    report_.faults.insert(Fault::receive_overflow);
-  if ((controller & (CAN_ERR_CRTL_RX_PASSIVE | CAN_ERR_CRTL_TX_PASSIVE)) != 0)
-    report_.faults.insert(Fault::error_passive);
-  if ((controller & CAN_ERR_CRTL_ACTIVE) != 0) report_.faults.erase(Fault::error_passive);
-}
-
-void Microscope::take_state(const StateMessage& message, nanoseconds now) noexcept {
-  follow_counter(message.counter, state_counter_);
-  optics_ = message.optics;
-  is_drive_moving_ = message.is_moving;
-  has_state_ = true;
-  t_state_ = now;
-}
-
-void Microscope::take_confirm(const ConfirmMessage& message) noexcept {
-  // An answer to nobody's question: another host commands the node, and the state tells.
-  if (!pending_ || message.sequence != sequence_ || message.quantity != *pending_) return;
-  pending_.reset();
-  if (message.result == ConfirmResult::reached)
-    confirmed_ = message;
-  else
-    report_.faults.insert(Fault::command_refused);
-}
-
-void Microscope::follow_counter(std::uint8_t counter,
-                                std::optional<std::uint8_t>& previous) noexcept {
-  if (previous && counter != ((*previous + 1) & 0x0f))
-    report_.faults.insert(Fault::counter_skipped);
-  previous = counter;
-}
-
-void Microscope::supervise(nanoseconds now) noexcept {
-  const auto set = [this](Fault fault, bool is_present) {
-    is_present ? report_.faults.insert(fault) : report_.faults.erase(fault);
-  };
-  // Counted from the start of supervision, so a node that was never there is missed as well.
-  const bool is_missing = now - t_heartbeat_ > parameters_.heartbeat_period * 3 / 2;
-  if (is_missing) heartbeat_counter_.reset();
-  set(Fault::node_missing, is_missing);
-  set(Fault::node_not_operational, !is_missing && heartbeat_counter_ && !is_operational_);
-  const bool is_silent = now - t_state_ > parameters_.state_period * 3 / 2;
-  if (is_silent) state_counter_.reset();
-  set(Fault::state_silent, is_silent);
-  set(Fault::interface_down, !transport_->is_up());
-  if (transport_->dropped() != dropped_seen_) {
-    dropped_seen_ = transport_->dropped();
-    report_.faults.insert(Fault::receive_overflow);
+  for (int i = 0; i < kFramesPerPoll && transport_->receive(frame); ++i) {
+    if (!frame.is_error && frame.id == kConfirmId)
+      take_confirm(frame);
+    else
+      watch_.take(frame, now);
   }
   if (pending_ && now - t_command_ > parameters_.confirm_timeout) {
     pending_.reset();
-    report_.faults.insert(Fault::command_unconfirmed);
+    watch_.raise(Fault::command_unconfirmed);
   }
+  watch_.supervise(now, transport_->is_up(), transport_->dropped());
+  report_ = watch_.report();
+  if (pending_) report_.is_moving = true;
+  return report_;
+}
+
+void Microscope::take_confirm(const Frame& frame) noexcept {
+  const auto message = decode_confirm(frame);
+  if (!message) return watch_.raise(Fault::message_corrupt);
+  // An answer to nobody's question: another host commands the node, and the state tells.
+  if (!pending_ || message->sequence != sequence_ || message->quantity != *pending_) return;
+  pending_.reset();
+  if (message->result == ConfirmResult::reached)
+    confirmed_ = message;
+  else
+    watch_.raise(Fault::command_refused);
 }
 
 bool Microscope::command(Quantity quantity, double value, nanoseconds now) noexcept {
@@ -169,8 +56,8 @@ bool Microscope::command(Quantity quantity, double value, nanoseconds now) noexc
   const bool is_in_range = sent && std::abs(sent->value - value) <= resolution(quantity);
   if (pending_ || !is_in_range) return false;
   const SendResult result = transport_->send(frame);
-  if (result == SendResult::queue_full) report_.faults.insert(Fault::transmit_queue_full);
-  if (result == SendResult::down) report_.faults.insert(Fault::interface_down);
+  if (result == SendResult::queue_full) watch_.raise(Fault::transmit_queue_full);
+  if (result == SendResult::down) watch_.raise(Fault::interface_down);
   if (result != SendResult::sent) return false;
   sequence_ = message.sequence;
   pending_ = quantity;
@@ -180,13 +67,10 @@ bool Microscope::command(Quantity quantity, double value, nanoseconds now) noexc
 }
 
 bool Microscope::recover(nanoseconds now) noexcept {
-  if (report_.faults.contains(Fault::bus_off) && !transport_->restart()) return false;
-  report_.faults = {};
-  heartbeat_counter_.reset();
-  state_counter_.reset();
-  has_state_ = false;  // what was known before is history
+  if (watch_.faults().contains(Fault::bus_off) && !transport_->restart()) return false;
+  watch_.forget();
   pending_.reset();
-  supervise(now);
+  watch_.supervise(now, transport_->is_up(), transport_->dropped());
   return true;
 }
 
