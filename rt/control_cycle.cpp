@@ -45,6 +45,10 @@ void ControlCycle::read_inputs(const CycleInfo& info) noexcept {
   readings_.robot_status.reset();
   if (inbox_.robot_status.try_take(robot)) readings_.robot_status = robot;
 
+  safety::OpticsInput optics;
+  readings_.optics.reset();
+  if (inbox_.optics.newest.try_take(optics)) readings_.optics = optics;
+
   readings_.operator_command = {};
   (void)inbox_.commands.try_pop(readings_.operator_command);
 

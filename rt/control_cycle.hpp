@@ -13,13 +13,16 @@
 #include "rt/core/stop_latch.hpp"
 #include "rt/cycle_tape.hpp"
 #include "rt/frame_arrivals.hpp"
+#include "rt/optics_inbox.hpp"
 
 namespace holdfast::rt {
 
-/// What the publishing thread hears from robot and operator, for the control thread.
+/// What the publishing thread hears from robot and operator, and the optics thread from the
+/// microscope, for the control thread.
 struct ControlInbox {
   Mailbox<safety::RobotInput> robot_status;
   EventQueue<safety::OperatorInput, 16> commands;
+  OpticsInbox optics;
   std::atomic<bool> message_corrupt{false};   ///< set: a message failed its end-to-end check
   std::atomic<bool> second_publisher{false};  ///< set: another writer of poses is on the domain
 };

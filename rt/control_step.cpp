@@ -68,6 +68,7 @@ safety::TrackingInput tracking_input(const StampedEstimate& estimate) noexcept {
   tracking.inlier_spread = motion.inlier_spread;
   tracking.has_drift = motion.has_drift;
   tracking.drift_mm = motion.drift_um * 1e-3;
+  tracking.scale = motion.scale;
   return tracking;
 }
 
@@ -120,6 +121,8 @@ safety::Inputs gate_inputs(Timestamp now, const ControlParameters& parameters,
           ? state.filter.predict(now, parameters.filter, readings.registration.p_target_site_mm)
           : state.filter.predict(now, parameters.filter);
   inputs.registration = readings.registration;
+  inputs.optics = state.optics;
+  inputs.optics.is_declared_fixed = parameters.optics_are_fixed;
   inputs.robot = state.robot;
   inputs.operator_command = readings.operator_command;
   inputs.loop = readings.loop;
@@ -156,10 +159,19 @@ Timestamp evidence(Reason cause, Timestamp now, const safety::Limits& limits,
     case Reason::speed_exceeded:
     case Reason::pose_jump:
     case Reason::covariance_exceeded:
+    case Reason::scale_mismatch:
       return inputs.tracking.is_new ? state.t_estimate_published : now;
+    case Reason::microscope_silent:
+      if (!inputs.optics.faults.contains(cause) && inputs.optics.is_known)
+        return inputs.optics.t_report + limits.optics_age_max;
+      return inputs.optics.has_report ? inputs.optics.t_report : now;
+    case Reason::optics_changed:
+    case Reason::optics_moving:
+      return inputs.optics.t_report;
     default:
       break;
   }
+  if (inputs.optics.faults.contains(cause)) return inputs.optics.t_report;
   return inputs.camera.faults.contains(cause) && events.has_fault_arrival ? events.t_fault_received
                                                                           : now;
 }
@@ -174,6 +186,7 @@ ControlOutput control_step(Timestamp now, const ControlParameters& parameters,
   follow_registration(readings.registration, state);
   take_estimate(readings, now, parameters, state, events);
   if (readings.robot_status) state.robot = *readings.robot_status;
+  if (readings.optics) state.optics = *readings.optics;
 
   // 2. Predict to now and ask the gate.
   const safety::Inputs inputs = gate_inputs(now, parameters, readings, state);

@@ -24,7 +24,8 @@ struct ControlParameters {
   PoseFilterParameters filter;
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
   safety::HandEyeSigma hand_eye_sigma;
-  safety::ReasonSet advisories;  ///< not_real_time, unsecured_transport
+  bool optics_are_fixed = false;  ///< declared; else the microscope must be heard
+  safety::ReasonSet advisories;   ///< not_real_time, unsecured_transport, ...
 };
 
 /// One frame's arrival, reported by the camera thread at once, before tracking.
@@ -53,6 +54,7 @@ struct Readings {
   std::optional<StampedEstimate> estimate;
   safety::RegistrationInput registration;
   std::optional<safety::RobotInput> robot_status;  ///< newest accepted status
+  std::optional<safety::OpticsInput> optics;       ///< newest look at the microscope
   safety::OperatorInput operator_command;
   safety::LoopInput loop;
 };
@@ -63,6 +65,7 @@ struct ControlState {
   safety::CameraInput camera;
   safety::TrackingInput tracking;
   safety::RobotInput robot;
+  safety::OpticsInput optics;
   std::uint64_t registration_id = 0;  ///< the one that filter and estimates belong to
   bool has_registration = false;
   std::uint64_t newest_frame = 0;  ///< of the newest estimate

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rt/daemon.hpp"
 
+#include <optional>
 #include <string>
 #include <thread>
 #include <vector>
@@ -14,6 +15,7 @@
 #include "rt/control_cycle.hpp"
 #include "rt/core/memory_lock.hpp"
 #include "rt/daemon_recorder.hpp"
+#include "rt/optics_thread.hpp"
 #include "rt/publisher.hpp"
 #include "rt/tracking_thread.hpp"
 
@@ -30,6 +32,8 @@ safety::RegistrationInput registration_input(const DaemonConfig& config) {
   input.id = config.registration.id();
   input.T_site_ct = config.registration.T_camera_ct;  // site = camera at the keyframe
   input.covariance = config.registration.covariance;
+  input.zoom = config.registration.zoom;
+  input.focus_mm = config.registration.focus_mm;
   input.p_target_site_mm = input.T_site_ct * config.p_target_ct_mm;
   return input;
 }
@@ -40,6 +44,7 @@ ControlParameters control_parameters(const DaemonConfig& config, safety::ReasonS
   parameters.filter = config.filter;
   parameters.T_robot_camera = config.T_robot_camera;
   parameters.hand_eye_sigma = config.hand_eye_sigma;
+  parameters.optics_are_fixed = config.optics.are_fixed;
   parameters.advisories = advisories;
   return parameters;
 }
@@ -112,6 +117,17 @@ safety::ReasonSet look_at_security(const bridge::SecurityConfig& security) {
   return advisories;
 }
 
+/// Says at start whether anybody watches zoom and focus.
+safety::ReasonSet look_at_optics(const OpticsParameters& optics) {
+  if (optics.are_fixed)
+    spdlog::warn("zoom and focus are declared fixed: no encoder is read");
+  else if (!optics.local.empty())
+    spdlog::warn("the microscope is a virtual one on {}: this is no CAN", optics.local.string());
+  else
+    spdlog::info("microscope: node {} on {}", optics.microscope.node, optics.interface);
+  return optics_advisories(optics);
+}
+
 }  // namespace
 
 void run_daemon(const DaemonConfig& config) {
@@ -120,6 +136,7 @@ void run_daemon(const DaemonConfig& config) {
   // 1. Real-time memory and scheduling, or a refusal.
   safety::ReasonSet advisories = probe_real_time(config.loop);
   advisories.insert(look_at_security(config.security));
+  advisories.insert(look_at_optics(config.optics));
   const safety::RegistrationInput registration = registration_input(config);
 
   const ControlParameters parameters = control_parameters(config, advisories);
@@ -137,6 +154,14 @@ void run_daemon(const DaemonConfig& config) {
   ControlInbox inbox;
   ControlCycle cycle{parameters, registration,   intake.arrivals(), tracking.for_control(),
                      inbox,      recorder.tape()};
+  std::optional<OpticsThread> optics;
+  if (!config.optics.are_fixed) {
+    optics.emplace(open_bus(config.optics), config.optics.microscope,
+                   thread_parameters(config.loop, "optics", config.loop.optics_priority,
+                                     config.loop.period / 2),
+                   inbox.optics);
+    warn(optics->warnings());
+  }
   const bridge::CameraSource camera{
       config.camera, [&intake](const bridge::CameraReport& report) { intake.on_report(report); }};
   spdlog::info("camera: {}", camera.description());

@@ -25,6 +25,7 @@ LoopParameters read_loop(const ConfigSection& section) {
   loop.publish_phase = section.duration("publish_phase_us", loop.publish_phase, {0, 5'000});
   loop.control_priority = section.integer("control_priority", loop.control_priority, kPriority);
   loop.publish_priority = section.integer("publish_priority", loop.publish_priority, kPriority);
+  loop.optics_priority = section.integer("optics_priority", loop.optics_priority, kPriority);
   loop.tracker_priority = section.integer("tracker_priority", loop.tracker_priority, {0, 98});
   if (section.has("control_cpu")) loop.control_cpu = section.integer("control_cpu", 0, {0, 1023});
   loop.allow_non_rt = section.boolean("allow_non_rt", loop.allow_non_rt);
@@ -136,10 +137,39 @@ safety::Limits read_limits(const ConfigSection& section, double frame_rate_hz) {
       section.number("speed_max_mm_per_s", limits.speed_max_mm_per_s, {0.1, 500});
   limits.sigma_target_max_mm =
       section.number("sigma_target_max_mm", limits.sigma_target_max_mm, {0.005, 2});
+  limits.zoom_tolerance = section.number("zoom_tolerance", limits.zoom_tolerance, {0.0001, 0.1});
+  limits.focus_tolerance_mm =
+      section.number("focus_tolerance_mm", limits.focus_tolerance_mm, {0.001, 10});
+  limits.scale_mismatch_max =
+      section.number("scale_mismatch_max", limits.scale_mismatch_max, {0.001, 0.2});
+  limits.optics_age_max = section.duration("optics_age_max_ms", limits.optics_age_max, {5, 500});
   limits.inliers_min = section.integer("inliers_min", limits.inliers_min, {6, 5'000});
   limits.inlier_spread_min =
       section.number("inlier_spread_min", limits.inlier_spread_min, {0.01, 1});
   return limits;
+}
+
+/// The encoders, or the word that nobody can turn the optics: nobody gets the latter by leaving a
+/// line out.
+OpticsParameters read_optics(const ConfigSection& section) {
+  OpticsParameters optics;
+  optics.interface = section.text("interface", "");
+  if (section.has("local")) optics.local = section.path("local");
+  if (section.has("optics")) optics.are_fixed = section.choice("optics", "", {"fixed"}) == "fixed";
+  const int sources = (optics.interface.empty() ? 0 : 1) + (optics.local.empty() ? 0 : 1) +
+                      (optics.are_fixed ? 1 : 0);
+  if (sources != 1)
+    throw InputError(
+        fmt::format("{}: give the CAN interface of the microscope, or local = the path of a "
+                    "virtual one's bus, or optics = \"fixed\" when nobody can turn zoom and focus",
+                    section.where("interface")));
+  bridge::can::MicroscopeParameters& node = optics.microscope;
+  node.node = static_cast<std::uint8_t>(section.integer("node", node.node, {1, 127}));
+  node.is_fd = section.boolean("fd", node.is_fd);
+  node.heartbeat_period =
+      section.duration("heartbeat_period_ms", node.heartbeat_period, {1, 1'000});
+  node.state_period = section.duration("state_period_ms", node.state_period, {1, 1'000});
+  return optics;
 }
 
 safety::HandEyeSigma read_hand_eye_sigma(const ConfigSection& section) {
@@ -198,6 +228,7 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
       root.section("tracker").choice("site", "depth", {"depth", "planar"}) == "planar"
           ? SiteModel::planar
           : SiteModel::depth;
+  config.optics = read_optics(root.section("microscope"));
   config.filter = read_filter(root.section("filter"));
   config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
   config.T_robot_camera = bridge::read_robot_camera(root.section("robot"));
@@ -220,6 +251,10 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
     throw InputError(fmt::format("{}: carries no {}: there is nothing to track against",
                                  registration_file.string(),
                                  config.registration.keyframe.empty() ? "keyframe" : "depth"));
+  if (!config.optics.are_fixed &&
+      !(config.registration.zoom > 0 && config.registration.focus_mm > 0))
+    throw InputError(fmt::format("{}: states no zoom and focus_mm to hold the microscope's against",
+                                 registration_file.string()));
   config.p_target_ct_mm = target_of(registration, stated_target, config.registration);
   return config;
 }

@@ -12,6 +12,7 @@
 #include "perception/camera_model.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "registration/registration_file.hpp"
+#include "rt/optics_thread.hpp"
 #include "rt/pose_filter.hpp"
 #include "rt/recorder_config.hpp"
 #include "safety/gate.hpp"
@@ -30,6 +31,7 @@ struct LoopParameters {
       std::chrono::microseconds(250);  ///< after the control step
   int control_priority = 80;
   int publish_priority = 75;
+  int optics_priority = 70;   ///< reading the microscope
   int tracker_priority = 40;  ///< 0: ordinary scheduling
   std::optional<int> control_cpu;
   bool allow_non_rt = false;  ///< go on, and say so in every health message
@@ -45,6 +47,7 @@ struct DaemonConfig {
   perception::TrackerParameters tracker;
   SiteModel site_model = SiteModel::depth;
   registration::Registration registration;
+  OpticsParameters optics;
   Eigen::Vector3d p_target_ct_mm = Eigen::Vector3d::Zero();
   Eigen::Isometry3d T_robot_camera = Eigen::Isometry3d::Identity();
   safety::HandEyeSigma hand_eye_sigma;

@@ -129,8 +129,12 @@ void Publisher::publish_health(const StampedEstimate& estimate, const HealthSour
 void Publisher::receive(ControlInbox& inbox) {
   const dds::ReceivedInputs received = inputs_.poll();
   if (received.robot) inbox.robot_status.publish(*received.robot);
-  for (const safety::OperatorInput& command : received.commands())
+  for (const safety::OperatorInput& command : received.commands()) {
     (void)inbox.commands.try_push(command);  // overflow is counted; the control cycle sees it
+    using safety::Command;
+    if (command.command == Command::acknowledge || command.command == Command::arm)
+      inbox.optics.recovery.store(true, std::memory_order_relaxed);
+  }
   if (received.is_corrupt) inbox.message_corrupt.store(true, std::memory_order_relaxed);
   const safety::Timestamp now = monotonic_now();
   if (now - t_claim_checked_ < kClaimPeriod) return;

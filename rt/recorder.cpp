@@ -47,8 +47,8 @@ bool is_same_bits(const Matrix& a, const Matrix& b) {
 }
 
 bool is_same(const safety::RegistrationInput& a, const safety::RegistrationInput& b) {
-  const auto& [is_loaded, id, T_site_ct, covariance, p_target, optics_match] = a;
-  return is_loaded == b.is_loaded && id == b.id && optics_match == b.optics_match &&
+  const auto& [is_loaded, id, T_site_ct, covariance, p_target, zoom, focus_mm] = a;
+  return is_loaded == b.is_loaded && id == b.id && zoom == b.zoom && focus_mm == b.focus_mm &&
          is_same_bits(T_site_ct.matrix(), b.T_site_ct.matrix()) &&
          is_same_bits(covariance, b.covariance) && is_same_bits(p_target, b.p_target_site_mm);
 }

@@ -68,7 +68,8 @@ struct Description<safety::Limits> {
     auto& [frame_period, frame_lateness, estimate_age_max, pose_validity, robot_silence_max,
            loop_lateness_max, clock_step_max, frame_future_max, hold_max, hold_recovery,
            confirm_min, confirm_max, drift_max_mm, displacement_max_mm, rotation_max_rad,
-           speed_max_mm_per_s, sigma_target_max_mm, inliers_min, inlier_spread_min] = v;
+           speed_max_mm_per_s, sigma_target_max_mm, zoom_tolerance, focus_tolerance_mm,
+           scale_mismatch_max, optics_age_max, inliers_min, inlier_spread_min] = v;
     archive("frame_period_ns", frame_period);
     archive("frame_lateness_ns", frame_lateness);
     archive("estimate_age_max_ns", estimate_age_max);
@@ -86,6 +87,10 @@ struct Description<safety::Limits> {
     archive("rotation_max_rad", rotation_max_rad);
     archive("speed_max_mm_per_s", speed_max_mm_per_s);
     archive("sigma_target_max_mm", sigma_target_max_mm);
+    archive("zoom_tolerance", zoom_tolerance);
+    archive("focus_tolerance_mm", focus_tolerance_mm);
+    archive("scale_mismatch_max", scale_mismatch_max);
+    archive("optics_age_max_ns", optics_age_max);
     archive("inliers_min", inliers_min);
     archive("inlier_spread_min", inlier_spread_min);
   }
@@ -123,11 +128,12 @@ struct Description<rt::ControlParameters> {
   static constexpr std::string_view kName = "holdfast_msgs/ControlParameters";
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
-    auto& [limits, filter, T_robot_camera, hand_eye_sigma, advisories] = v;
+    auto& [limits, filter, T_robot_camera, hand_eye_sigma, optics_are_fixed, advisories] = v;
     archive("limits", limits);
     archive("filter", filter);
     archive("transform_robot_camera", T_robot_camera);
     archive("hand_eye_sigma", hand_eye_sigma);
+    archive("optics_are_fixed", optics_are_fixed);
     archive("advisories", advisories);
   }
 };
@@ -224,13 +230,32 @@ struct Description<safety::RegistrationInput> {
   static constexpr std::string_view kName = "holdfast_msgs/RegistrationInput";
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
-    auto& [is_loaded, id, T_site_ct, covariance, p_target, optics_match] = v;
+    auto& [is_loaded, id, T_site_ct, covariance, p_target, zoom, focus_mm] = v;
     archive("is_loaded", is_loaded);
     archive("id", id);
     archive("transform_site_ct", T_site_ct);
     archive("covariance", covariance);
     archive("p_target_site_mm", p_target);
-    archive("optics_match", optics_match);
+    archive("zoom", zoom);
+    archive("focus_mm", focus_mm);
+  }
+};
+
+template <>
+struct Description<safety::OpticsInput> {
+  static constexpr std::string_view kName = "holdfast_msgs/OpticsInput";
+  template <typename Archive, typename Value>
+  static void fields(Archive& archive, Value& v) {
+    auto& [is_declared_fixed, has_report, t_report, faults, is_known, zoom, focus_mm, is_moving] =
+        v;
+    archive("is_declared_fixed", is_declared_fixed);
+    archive("has_report", has_report);
+    archive("t_report_ns", t_report);
+    archive("faults", faults);
+    archive("is_known", is_known);
+    archive("zoom", zoom);
+    archive("focus_mm", focus_mm);
+    archive("is_moving", is_moving);
   }
 };
 
@@ -277,12 +302,13 @@ struct Description<rt::Readings> {
   static constexpr std::string_view kName = "holdfast_msgs/Readings";
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
-    auto& [arrivals, arrival_count, estimate, registration, robot_status, operator_command, loop] =
-        v;
+    auto& [arrivals, arrival_count, estimate, registration, robot_status, optics, operator_command,
+           loop] = v;
     (void)registration;
     archive("operator_command", operator_command);
     archive("loop", loop);
     archive("robot_status", robot_status);
+    archive("optics", optics);
     archive.list("arrivals", arrivals, arrival_count);
     archive("estimate", estimate);
   }
@@ -296,7 +322,7 @@ struct Description<safety::GateState> {
     auto& [mode, cause, t_mode_entered, t_last_cycle, has_cycle, stop_cause, stop_id,
            t_acknowledged, is_acknowledged, t_hold_entered, hold_cause, t_well_since,
            is_awaiting_good_frame, t_frame_at_fault, registration_id, has_registration,
-           t_registration_seen, is_keyframe_verified] = v;
+           t_registration_seen, is_keyframe_verified, t_optics_doubted] = v;
     archive("mode", mode);
     archive("cause", cause);
     archive("t_mode_entered_ns", t_mode_entered);
@@ -315,6 +341,7 @@ struct Description<safety::GateState> {
     archive("has_registration", has_registration);
     archive("t_registration_seen_ns", t_registration_seen);
     archive("is_keyframe_verified", is_keyframe_verified);
+    archive("t_optics_doubted_ns", t_optics_doubted);
   }
 };
 
@@ -353,7 +380,7 @@ struct Description<safety::TrackingInput> {
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
     auto& [has_estimate, is_new, is_lost, is_degraded, registration_id, t_exposure, inliers,
-           inlier_spread, has_drift, drift_mm, contradicts_filter] = v;
+           inlier_spread, has_drift, drift_mm, contradicts_filter, scale] = v;
     archive("has_estimate", has_estimate);
     archive("is_new", is_new);
     archive("is_lost", is_lost);
@@ -365,6 +392,7 @@ struct Description<safety::TrackingInput> {
     archive("has_drift", has_drift);
     archive("drift_mm", drift_mm);
     archive("contradicts_filter", contradicts_filter);
+    archive("scale", scale);
   }
 };
 
@@ -373,14 +401,15 @@ struct Description<rt::ControlState> {
   static constexpr std::string_view kName = "holdfast_msgs/ControlState";
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
-    auto& [gate, filter, camera, tracking, robot, registration_id, has_registration, newest_frame,
-           t_newest_frame_received, t_estimate_published, t_evidence] = v;
+    auto& [gate, filter, camera, tracking, robot, optics, registration_id, has_registration,
+           newest_frame, t_newest_frame_received, t_estimate_published, t_evidence] = v;
     rt::PoseFilter::Snapshot snapshot = filter.snapshot();
     archive("gate", gate);
     archive("filter", snapshot);
     archive("camera", camera);
     archive("tracking", tracking);
     archive("robot", robot);
+    archive("optics", optics);
     archive("registration_id", registration_id);
     archive("has_registration", has_registration);
     archive("newest_frame", newest_frame);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "safety/acknowledgement.hpp"
 
+#include <algorithm>
+
 #include "safety/numbers.hpp"
 
 namespace holdfast::safety {
@@ -16,10 +18,14 @@ bool is_confirmed(const Limits& limits, const Inputs& inputs, ReasonSet reasons,
   return inputs.operator_command.stop_id == state.stop_id &&
          since_acknowledged >= limits.confirm_min && since_acknowledged <= limits.confirm_max &&
          !has_fault(reasons) && !state.is_awaiting_good_frame &&
-         passes_drift_check(inputs, reasons, state.t_acknowledged);
+         passes_drift_check(inputs, reasons, std::max(state.t_acknowledged, t_image_counts(state)));
 }
 
 }  // namespace
+
+Timestamp t_image_counts(const GateState& state) noexcept {
+  return std::max(state.t_registration_seen, state.t_optics_doubted);
+}
 
 bool passes_drift_check(const Inputs& inputs, ReasonSet reasons, Timestamp since) noexcept {
   // The limits on drift, displacement, inliers and age have been judged by the monitors.

@@ -13,11 +13,15 @@ namespace holdfast::safety {
 [[nodiscard]] bool passes_drift_check(const Inputs& inputs, ReasonSet reasons,
                                       Timestamp since) noexcept;
 
+/// Only images exposed after this say anything of the loaded registration: it was not there before,
+/// or the optics were in doubt.
+[[nodiscard]] Timestamp t_image_counts(const GateState& state) noexcept;
+
 /// One cycle of the two steps, in mode stop_latched. True when they are complete in this cycle:
 /// acknowledged, then confirmed between confirm_min and confirm_max later, both naming this stop,
 /// no stop reason in between, and in this cycle the drift check passes on an image exposed after
-/// the acknowledgement and no stop or hold reason at all is present. Anything else that was tried
-/// starts the two steps anew.
+/// the acknowledgement, and after every doubt about the optics, and no stop or hold reason is
+/// present. Anything else that was tried starts the two steps anew.
 [[nodiscard]] bool completes_acknowledgement(const Limits& limits, const Inputs& inputs,
                                              ReasonSet reasons, GateState& state) noexcept;
 

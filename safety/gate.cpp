@@ -31,6 +31,15 @@ void follow_registration(const Inputs& inputs, GateState& state) noexcept {
   state.is_keyframe_verified = false;
 }
 
+/// While the optics are in doubt the image says nothing of the registration: what was verified
+/// before is void, and only an image exposed after the doubt verifies anew. In permitted and hold
+/// the stop or the recovery that follows sees to that.
+void follow_optics(ReasonSet reasons, Timestamp now, GateState& state) noexcept {
+  if ((reasons.bits() & kOpticsReasons.bits()) == 0) return;
+  state.t_optics_doubted = now;
+  if (state.mode == Mode::ready) state.is_keyframe_verified = false;
+}
+
 /// A camera fault is an event of one cycle; its effect lasts until a good frame has come after it.
 void follow_camera(const CameraInput& camera, GateState& state) noexcept {
   if (!camera.faults.empty() || !camera.is_connected) {
@@ -56,9 +65,10 @@ ConditionSet conditions(const Limits& limits, const Inputs& inputs, ReasonSet re
   set.set(Condition::latching_fault, !latching_reasons(state.mode, reasons).empty());
   set.set(Condition::inputs_arrived, inputs.camera.has_frame);
   set.set(Condition::verified, inputs.tracking.is_new && !state.is_awaiting_good_frame &&
-                                   passes_drift_check(inputs, reasons, state.t_registration_seen));
+                                   passes_drift_check(inputs, reasons, t_image_counts(state)));
   set.set(Condition::verification_withdrawn, !state.is_keyframe_verified);
-  set.set(Condition::armed, command == Command::arm && is_well);
+  set.set(Condition::armed, command == Command::arm && is_well &&
+                                inputs.tracking.t_exposure > state.t_optics_doubted);
   set.set(Condition::disarmed, command == Command::disarm);
   set.set(Condition::hold_reason, !reasons.with(Severity::hold).empty());
   set.set(Condition::recovered,
@@ -138,6 +148,7 @@ Decision Gate::decide(const Limits& limits, const Inputs& inputs, GateState& sta
   // 1. Judge the inputs, and what of the past still counts.
   ReasonSet reasons = observed_reasons(limits, inputs, state);
   follow_registration(inputs, state);
+  follow_optics(reasons, inputs.now, state);
   follow_camera(inputs.camera, state);
   follow_hold(reasons, inputs.now, state);
   const bool is_overdue =

@@ -45,6 +45,7 @@ struct TrackingInput {
   bool has_drift = false;    ///< drift_mm was measured; without it the evidence is weak
   double drift_mm = 0;       ///< frame-to-frame chain against the keyframe, at the target; >= 0
   bool contradicts_filter = false;  ///< innovation beyond the filter's gate
+  double scale = 1;  ///< of the image relative to the keyframe, as the optics alone explain it; > 0
 };
 
 /// The motion filter's pose at Inputs::now. A covariance that was not filled in (a zero on the
@@ -64,7 +65,21 @@ struct RegistrationInput {
   /// registration.json; that is, about the image of the ct origin.
   Matrix6d covariance = Matrix6d::Zero();
   Eigen::Vector3d p_target_site_mm = Eigen::Vector3d::Zero();  ///< where accuracy is judged
-  bool optics_match = true;  ///< zoom and focus are those of the registration
+  double zoom = 0;      ///< those the registration was made with
+  double focus_mm = 0;  ///< working distance
+};
+
+/// What the reader of the microscope's encoders reported last. Fixed optics are believed only when
+/// they are declared; then nothing else here is read.
+struct OpticsInput {
+  bool is_declared_fixed = false;
+  bool has_report = false;  ///< at least one since start
+  Timestamp t_report{};     ///< when the reader last looked
+  ReasonSet faults;         ///< microscope_* and can_*, present at that time
+  bool is_known = false;    ///< zoom and focus are what the encoders say
+  double zoom = 0;
+  double focus_mm = 0;
+  bool is_moving = false;  ///< a drive runs
 };
 
 /// 1 sigma of the hand-eye calibration, alike along all axes: p_robot = Exp(r)·R·p_camera + t + dt,
@@ -101,6 +116,7 @@ struct Inputs {
   TrackingInput tracking;
   std::optional<PredictedPose> prediction;
   RegistrationInput registration;
+  OpticsInput optics;
   RobotInput robot;
   OperatorInput operator_command;
   LoopInput loop;
@@ -128,6 +144,7 @@ struct GateState {
   bool has_registration = false;        ///< one is loaded
   Timestamp t_registration_seen{};      ///< since when it is loaded
   bool is_keyframe_verified = false;    ///< ... and matched to the live image
+  Timestamp t_optics_doubted{};         ///< newest cycle with an optics reason
 };
 
 /// A pose a robot may act on until t_pose + validity. Only Gate can make one.

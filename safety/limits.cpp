@@ -21,7 +21,7 @@ double milliseconds(Duration duration) {
   return std::chrono::duration<double, std::milli>(duration).count();
 }
 
-std::array<Range, 18> ranges(const Limits& limits) {
+std::array<Range, 22> ranges(const Limits& limits) {
   return {{
       {"frame_period", "ms", milliseconds(limits.frame_period), 1, 1000},
       {"frame_lateness", "ms", milliseconds(limits.frame_lateness), 0.1, 500},
@@ -41,6 +41,10 @@ std::array<Range, 18> ranges(const Limits& limits) {
       {"speed_max_mm_per_s", "mm/s", limits.speed_max_mm_per_s, 0.1, 500},
       {"sigma_target_max_mm", "mm", limits.sigma_target_max_mm, 0.001, 5},
       {"inlier_spread_min", "of 1", limits.inlier_spread_min, 0.01, 1},
+      {"zoom_tolerance", "of zoom", limits.zoom_tolerance, 0.0001, 0.1},
+      {"focus_tolerance_mm", "mm", limits.focus_tolerance_mm, 0.001, 10},
+      {"scale_mismatch_max", "of 1", limits.scale_mismatch_max, 0.001, 0.2},
+      {"optics_age_max", "ms", milliseconds(limits.optics_age_max), 1, 500},
   }};
 }
 

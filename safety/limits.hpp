@@ -39,6 +39,12 @@ struct Limits {
   double rotation_max_rad = 0.35;
   double speed_max_mm_per_s = 30.0;   ///< of the target
   double sigma_target_max_mm = 0.25;  ///< 1-sigma (largest axis) of the predicted target position
+  // Optics against those of the registration
+  double zoom_tolerance = 0.002;     ///< of the zoom as the encoder numbers it
+  double focus_tolerance_mm = 0.2;   ///< of the working distance
+  double scale_mismatch_max = 0.02;  ///< image's scale against the encoder's, relative
+  Duration optics_age_max =
+      std::chrono::milliseconds(50);  ///< since our reader last looked at the microscope
   // Evidence
   int inliers_min = 30;
   double inlier_spread_min = 0.15;  ///< fraction of image cells that hold an inlier, 0..1

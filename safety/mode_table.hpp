@@ -16,7 +16,8 @@ enum class Condition : std::uint8_t {
   latching_fault,          ///< a stop reason that latches in this mode, or the hold timed out
   inputs_arrived,          ///< a frame has arrived since start
   verified,                ///< a new estimate passes the drift check against the keyframe
-  verification_withdrawn,  ///< the verified registration was replaced or withdrawn
+  verification_withdrawn,  ///< the verified registration was replaced or withdrawn, or the optics
+                           ///< came into doubt before it was used
   armed,                   ///< the operator arms, and no stop or hold reason is present
   disarmed,                ///< the operator disarms
   hold_reason,             ///< a hold reason is present

@@ -20,12 +20,38 @@ bool has_valid_numbers(const PredictedPose& prediction) noexcept {
 
 bool has_valid_numbers(const RegistrationInput& registration) noexcept {
   return is_rigid(registration.T_site_ct) && is_covariance(registration.covariance) &&
-         registration.p_target_site_mm.allFinite();
+         registration.p_target_site_mm.allFinite() && is_magnitude(registration.zoom) &&
+         is_magnitude(registration.focus_mm);
 }
 
 bool has_valid_numbers(const TrackingInput& tracking) noexcept {
   return is_magnitude(tracking.inlier_spread) && tracking.inlier_spread <= 1 &&
-         (!tracking.has_drift || is_magnitude(tracking.drift_mm));
+         (!tracking.has_drift || is_magnitude(tracking.drift_mm)) && is_magnitude(tracking.scale);
+}
+
+bool has_valid_numbers(const OpticsInput& optics) noexcept {
+  return !optics.is_known || (is_magnitude(optics.zoom) && is_magnitude(optics.focus_mm));
+}
+
+/// What the reader's newest report is worth.
+ReasonSet report_reasons(const Limits& limits, const OpticsInput& optics, Timestamp now) noexcept {
+  ReasonSet reasons(optics.faults.bits() & kOpticsReasons.bits());
+  if (reasons != optics.faults) reasons.insert(Reason::internal_fault);
+  if (!optics.has_report) reasons.insert(Reason::microscope_missing);
+  const Duration age = elapsed(optics.t_report, now);
+  // A report from the future would never grow old.
+  if (optics.has_report && (age > limits.optics_age_max || age < -limits.frame_future_max)) {
+    reasons.insert(Reason::microscope_silent);
+  }
+  if (optics.is_moving) reasons.insert(Reason::optics_moving);
+  if (!optics.is_known && reasons.empty()) reasons.insert(Reason::microscope_silent);
+  return reasons;
+}
+
+/// How much larger than in the keyframe the site must look if it has not come nearer.
+double expected_scale(const OpticsInput& optics, const RegistrationInput& registration) noexcept {
+  const bool is_read = !optics.is_declared_fixed && optics.is_known;
+  return is_read ? optics.zoom / registration.zoom : 1;
 }
 
 }  // namespace
@@ -64,7 +90,8 @@ ReasonSet number_reasons(const Inputs& inputs) noexcept {
       is_magnitude(inputs.hand_eye_sigma.r_rad) &&
       (!inputs.prediction || has_valid_numbers(*inputs.prediction)) &&
       (!inputs.registration.is_loaded || has_valid_numbers(inputs.registration)) &&
-      (!has_motion || has_valid_numbers(inputs.tracking));
+      (!has_motion || has_valid_numbers(inputs.tracking)) &&
+      (inputs.optics.is_declared_fixed || has_valid_numbers(inputs.optics));
   ReasonSet reasons;
   if (!is_valid) reasons.insert(Reason::invalid_number);
   return reasons;
@@ -75,7 +102,6 @@ ReasonSet registration_reasons(const RegistrationInput& registration,
   ReasonSet reasons;
   const bool is_same = registration.is_loaded && registration.id == state.registration_id;
   if (state.is_keyframe_verified && !is_same) reasons.insert(Reason::registration_changed);
-  if (registration.is_loaded && !registration.optics_match) reasons.insert(Reason::optics_changed);
   return reasons;
 }
 
@@ -162,6 +188,27 @@ ReasonSet robot_reasons(const Limits& limits, const RobotInput& robot, Timestamp
   return reasons;
 }
 
+ReasonSet optics_reasons(const Limits& limits, const Inputs& inputs) noexcept {
+  const OpticsInput& optics = inputs.optics;
+  const RegistrationInput& registration = inputs.registration;
+  ReasonSet reasons;
+  if (!optics.is_declared_fixed) reasons = report_reasons(limits, optics, inputs.now);
+  if (!registration.is_loaded) return reasons;
+  const bool is_read = !optics.is_declared_fixed && optics.is_known;
+  if (is_read &&
+      (exceeds(std::abs(optics.zoom - registration.zoom), limits.zoom_tolerance) ||
+       exceeds(std::abs(optics.focus_mm - registration.focus_mm), limits.focus_tolerance_mm))) {
+    reasons.insert(Reason::optics_changed);
+  }
+  const TrackingInput& tracking = inputs.tracking;
+  const double expected = expected_scale(optics, registration);
+  if (tracking.has_estimate && !tracking.is_lost &&
+      exceeds(std::abs(tracking.scale - expected), limits.scale_mismatch_max * expected)) {
+    reasons.insert(Reason::scale_mismatch);
+  }
+  return reasons;
+}
+
 ReasonSet observed_reasons(const Limits& limits, const Inputs& inputs,
                            const GateState& state) noexcept {
   ReasonSet reasons = operator_reasons(inputs.operator_command);
@@ -173,6 +220,7 @@ ReasonSet observed_reasons(const Limits& limits, const Inputs& inputs,
   reasons.insert(camera_reasons(limits, inputs.camera, inputs.now));
   reasons.insert(tracking_reasons(limits, inputs.tracking, inputs.now));
   reasons.insert(motion_reasons(limits, inputs));
+  reasons.insert(optics_reasons(limits, inputs));
   reasons.insert(robot_reasons(limits, inputs.robot, inputs.now));
   return reasons;
 }

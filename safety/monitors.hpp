@@ -18,11 +18,12 @@ namespace holdfast::safety {
 /// second_publisher, message_corrupt, internal_fault, as reported to the loop.
 [[nodiscard]] ReasonSet report_reasons(const LoopInput& loop) noexcept;
 
-/// invalid_number, for everything that will be used: transforms, covariances, speed, drift, spread.
-/// Of an absent prediction, an absent or lost estimate, or no registration nothing is read.
+/// invalid_number, for everything that will be used: transforms, covariances, speed, drift, spread,
+/// scale, zoom, focus. Of an absent prediction, an absent or lost estimate, or no registration
+/// nothing is read.
 [[nodiscard]] ReasonSet number_reasons(const Inputs& inputs) noexcept;
 
-/// registration_changed (against the verified one in `state`), optics_changed.
+/// registration_changed (against the verified one in `state`).
 [[nodiscard]] ReasonSet registration_reasons(const RegistrationInput& registration,
                                              const GateState& state) noexcept;
 
@@ -48,6 +49,26 @@ namespace holdfast::safety {
 /// robot_fault, robot_silent.
 [[nodiscard]] ReasonSet robot_reasons(const Limits& limits, const RobotInput& robot,
                                       Timestamp now) noexcept;
+
+/// Every reason to doubt that zoom and focus are those of the registration: what optics_reasons
+/// may return.
+inline constexpr ReasonSet kOpticsReasons = [] {
+  ReasonSet reasons;
+  for (const Reason reason :
+       {Reason::optics_changed, Reason::scale_mismatch, Reason::microscope_missing,
+        Reason::microscope_not_operational, Reason::microscope_silent, Reason::microscope_corrupt,
+        Reason::can_bus_off, Reason::can_error_passive, Reason::can_overflow, Reason::can_down,
+        Reason::optics_moving}) {
+    reasons.insert(reason);
+  }
+  return reasons;
+}();
+
+/// optics_changed, scale_mismatch, optics_moving, microscope_*, can_*. Encoders that are watched
+/// are believed only while the report is fresh and without a fault. The scale of an estimate that
+/// is not lost must be that of the encoder's zoom over the registration's; 1 for fixed optics and
+/// while the zoom is not known. A fault that is none of the microscope's is an internal_fault.
+[[nodiscard]] ReasonSet optics_reasons(const Limits& limits, const Inputs& inputs) noexcept;
 
 /// All of the above.
 [[nodiscard]] ReasonSet observed_reasons(const Limits& limits, const Inputs& inputs,

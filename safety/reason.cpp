@@ -61,6 +61,8 @@ std::string_view name(Reason reason) noexcept {
       return "hold_timeout";
     case Reason::internal_fault:
       return "internal_fault";
+    case Reason::scale_mismatch:
+      return "scale_mismatch";
     case Reason::camera_disconnected:
       return "camera_disconnected";
     case Reason::frame_late:
@@ -89,6 +91,24 @@ std::string_view name(Reason reason) noexcept {
       return "covariance_exceeded";
     case Reason::robot_silent:
       return "robot_silent";
+    case Reason::microscope_missing:
+      return "microscope_missing";
+    case Reason::microscope_not_operational:
+      return "microscope_not_operational";
+    case Reason::microscope_silent:
+      return "microscope_silent";
+    case Reason::microscope_corrupt:
+      return "microscope_corrupt";
+    case Reason::can_bus_off:
+      return "can_bus_off";
+    case Reason::can_error_passive:
+      return "can_error_passive";
+    case Reason::can_overflow:
+      return "can_overflow";
+    case Reason::can_down:
+      return "can_down";
+    case Reason::optics_moving:
+      return "optics_moving";
     case Reason::initialising:
       return "initialising";
     case Reason::not_registered:
@@ -105,6 +125,10 @@ std::string_view name(Reason reason) noexcept {
       return "unsecured_transport";
     case Reason::not_recording:
       return "not_recording";
+    case Reason::optics_unwatched:
+      return "optics_unwatched";
+    case Reason::virtual_microscope:
+      return "virtual_microscope";
   }
   return "unknown";
 }

@@ -34,6 +34,7 @@ enum class Reason : std::uint8_t {
   message_corrupt = 13,        ///< an input message failed its end-to-end check
   hold_timeout = 14,           ///< a hold did not recover in time
   internal_fault = 15,         ///< an invariant of ours is broken, or an event queue overflowed
+  scale_mismatch = 16,         ///< the image's scale is not the one that the zoom encoder gives
   // hold: 21-44
   camera_disconnected = 21,
   frame_late = 22,        ///< the next frame's deadline passed
@@ -45,10 +46,19 @@ enum class Reason : std::uint8_t {
   frame_time_invalid = 28,  ///< the frame's time stamp repeats, goes back, or lies in the future
   tracking_lost = 29,
   tracking_degraded = 30,
-  tracking_weak = 31,        ///< too few inliers, or bunched in one corner
-  estimate_stale = 32,       ///< the newest estimate is older than may be extrapolated
-  covariance_exceeded = 33,  ///< predicted uncertainty at the target is over its limit
-  robot_silent = 34,         ///< no fresh status from the robot
+  tracking_weak = 31,               ///< too few inliers, or bunched in one corner
+  estimate_stale = 32,              ///< the newest estimate is older than may be extrapolated
+  covariance_exceeded = 33,         ///< predicted uncertainty at the target is over its limit
+  robot_silent = 34,                ///< no fresh status from the robot
+  microscope_missing = 35,          ///< no heartbeat of its node, also when there never was one
+  microscope_not_operational = 36,  ///< the node beats, but says that it boots or is stopped
+  microscope_silent = 37,           ///< zoom and focus are not told, or not read by us, in time
+  microscope_corrupt = 38,          ///< a message of it failed its check, or was lost or repeated
+  can_bus_off = 39,
+  can_error_passive = 40,
+  can_overflow = 41,   ///< frames were lost on our side
+  can_down = 42,       ///< the network interface is down or gone
+  optics_moving = 43,  ///< a drive of the microscope moves
   // readiness: 45-55
   initialising = 45,
   not_registered = 46,
@@ -58,7 +68,9 @@ enum class Reason : std::uint8_t {
   // advisory: 56-63
   not_real_time = 56,        ///< running without real-time scheduling, by explicit request
   unsecured_transport = 57,  ///< DDS Security is off
-  not_recording = 58         ///< a recording was asked for, and the disk refuses it
+  not_recording = 58,        ///< a recording was asked for, and the disk refuses it
+  optics_unwatched = 59,     ///< no encoder is read: the configuration declares fixed optics
+  virtual_microscope = 60    ///< zoom and focus come from a local bus, not from CAN
 };
 
 /// By range of codes; stop for a code that no range holds, so that an unknown one is not ignored.

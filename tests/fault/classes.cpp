@@ -20,6 +20,12 @@ constexpr int kSilence = 20;
 constexpr int kFrame = 41 + 22;
 // What one frame shows: exposure to estimate, at worst a frame period after it began.
 constexpr int kTracked = 34 + 22;
+// The node tells every 20 ms.
+constexpr int kTold = 20 + kSeen;
+// No heartbeat for 1.5 of its periods, and a look of our reader.
+constexpr int kNodeSilence = 30 + kSeen;
+// Our own reader says nothing: optics_age_max.
+constexpr int kReaderSilence = 50 + kSeen;
 constexpr int kRobotSilence = 100 + 10;
 
 constexpr double kFastMmPerS = 25;  // below speed_max: the site runs away while nobody looks
@@ -113,7 +119,39 @@ constexpr std::array kClasses = {
                HOLDFAST_SET(d.is_registration_withdrawn = true)},
     FaultClass{"other_keyframe", "registration", kUnseen, kTracked,
                HOLDFAST_RUN(d.has_other_keyframe = true)},
-    FaultClass{"zoom_changed", "optics", kSeen, kSeen, HOLDFAST_SET(d.is_zoomed = true)},
+    FaultClass{"zoom_driven", "optics", kUnseen, kTold,
+               HOLDFAST_SET(d.zoom_rate_per_s = w.uniform(0.01, 1); d.is_drive_moving = true)},
+    // Until 0.16 % (zoom_tolerance of zoom 1.25) are passed, and told.
+    FaultClass{"zoom_turned_by_hand", "optics", kUnseen, kTold + 16,
+               HOLDFAST_SET(d.zoom_rate_per_s = w.uniform(0.1, 2))},
+    FaultClass{
+        "focus_turned", "optics", kUnseen, kTold,
+        HOLDFAST_SET(d.focus_step_mm = w.uniform(0.3, 20); d.zoom_step = -d.focus_step_mm / 200)},
+    // The encoder says nothing of it: the image's scale does.
+    FaultClass{"zoom_moved_silently", "optics", kUnseen, kTracked,
+               HOLDFAST_SET(d.zoom_step = w.uniform(0.021, 0.4); d.is_encoder_stuck = true)},
+    FaultClass{"zoom_told_wrongly", "optics", kSeen, kTold,
+               HOLDFAST_SET(d.encoder_error = w.uniform(0.0025, 0.5))},
+    FaultClass{"microscope_silent", "optics", kUnseen, kNodeSilence,
+               HOLDFAST_SET(d.is_node_silent = true; d.zoom_rate_per_s = 1)},
+    FaultClass{
+        "microscope_never_seen", "optics", kUnseen, kSeen,
+        HOLDFAST_SET(d.is_reader_restarted = d.is_node_silent = true; d.zoom_rate_per_s = 1)},
+    FaultClass{"microscope_restarts", "optics", kUnseen, kTold,
+               HOLDFAST_SET(d.is_node_booting = true; d.zoom_rate_per_s = 1)},
+    FaultClass{"microscope_corrupt", "optics", kUnseen, kTold,
+               HOLDFAST_SET(d.is_node_corrupt = true; d.zoom_rate_per_s = 1)},
+    FaultClass{"microscope_skips", "optics", kUnseen, kTold + 20,
+               HOLDFAST_SET(d.is_node_skipping = true; d.zoom_rate_per_s = 1)},
+    FaultClass{"can_bus_off", "optics", kUnseen, kSeen,
+               HOLDFAST_SET(d.is_bus_off = d.is_node_silent = true; d.zoom_rate_per_s = 1)},
+    FaultClass{"can_error_passive", "optics", kUnseen, kSeen,
+               HOLDFAST_SET(d.is_bus_passive = true)},
+    FaultClass{"can_overflow", "optics", kUnseen, kSeen, HOLDFAST_SET(d.is_bus_overflowing = true)},
+    FaultClass{"can_down", "optics", kUnseen, kSeen,
+               HOLDFAST_SET(d.is_bus_down = true; d.zoom_rate_per_s = 1)},
+    FaultClass{"optics_reader_dead", "optics", kUnseen, kReaderSilence,
+               HOLDFAST_SET(d.is_reader_dead = true; d.zoom_rate_per_s = w.uniform(0.02, 0.1))},
     // operator, robot
     FaultClass{"operator_stop", "operator", kSeen, kSeen, HOLDFAST_SET(d.is_operator_stop = true)},
     FaultClass{"operator_message_corrupt", "operator", kSeen, kSeen,

@@ -44,7 +44,8 @@ const char* name(Bug bug) noexcept {
                                     "covariance_not_filled_honestly",
                                     "registration_kept_after_change",
                                     "drift_not_measured",
-                                    "robot_clock_not_checked"};
+                                    "robot_clock_not_checked",
+                                    "optics_restamped"};
   return kNames[static_cast<std::size_t>(bug)];
 }
 
@@ -53,11 +54,13 @@ World::World(std::uint64_t seed, const WorldOptions& options)
       random_(seed),
       registration_(rt::testing::VirtualInputs().registration),
       t_next_exposure_(now_ + milliseconds(3)),
+      watch_({}, now_),
       parameters_(rt::testing::healthy_parameters()),
       robot_receiver_(safety::DataId::robot_status, robot_receiver()),
       guard_(guard::GuardLimits{}, Eigen::Isometry3d::Identity()),
       client_(client_parameters(options)) {
   readings_.registration = registration_;
+  parameters_.optics_are_fixed = false;
 }
 
 bool World::happens(double probability) {
@@ -98,11 +101,13 @@ void World::run_loop() {
   readings_.loop.clock_divergence = d.has_clock_step ? milliseconds(5) : nanoseconds(0);
   readings_.loop.second_publisher = d.has_second_publisher;
   if (d.has_overflow) readings_.loop.internal_fault = true;
+  using safety::Command;
+  const Command command = readings_.operator_command.command;
+  if (command == Command::arm || command == Command::acknowledge) is_recovery_wanted_ = true;
   readings_.registration = registration_;
   if (options_.bug != Bug::registration_kept_after_change) {
     if (d.is_registration_withdrawn) readings_.registration.is_loaded = false;
     if (d.is_registration_replaced) ++readings_.registration.id;
-    if (d.is_zoomed) readings_.registration.optics_match = false;
   }
   const rt::ControlOutput output = rt::control_step(now_, parameters_, readings_, state_);
   readings_ = {};
@@ -148,9 +153,8 @@ Observation World::run_robot() {
   T_robot_ct.translation() =
       Eigen::Vector3d(pose->translation_mm[0], pose->translation_mm[1], pose->translation_mm[2]);
   Eigen::Isometry3d T_true = T_robot_camera_ * T_camera_site_true() * registration_.T_site_ct;
-  // With other optics or another patient's registration every pose is wrong.
-  if (disturbance.is_zoomed || disturbance.is_registration_replaced ||
-      disturbance.is_registration_withdrawn)
+  // With another patient's registration every pose is wrong.
+  if (disturbance.is_registration_replaced || disturbance.is_registration_withdrawn)
     T_true.translation().y() += 5;
   seen.error_mm = (T_robot_ct * p_target_ct_mm_ - T_true * p_target_ct_mm_).norm();
   return seen;
@@ -182,6 +186,7 @@ Observation World::step() {
   move_site();
   run_camera();
   deliver_estimates();
+  run_microscope();
   run_loop();
   run_wire();
   run_guard();

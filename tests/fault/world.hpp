@@ -12,6 +12,7 @@
 
 #include <Eigen/Geometry>
 
+#include "bridge/can/microscope_watch.hpp"
 #include "bridge/client/permission.hpp"
 #include "bridge/dds/messages.hpp"
 #include "rt/control_step.hpp"
@@ -38,9 +39,10 @@ enum class Bug : std::uint8_t {
   covariance_not_filled_honestly,  ///< the tracker's covariance is a constant
   registration_kept_after_change,  ///< a new registration is not passed on
   drift_not_measured,              ///< drift is reported as zero
-  robot_clock_not_checked          ///< the client believes validities of a second
+  robot_clock_not_checked,         ///< the client believes validities of a second
+  optics_restamped                 ///< the newest look at the microscope is sent again as fresh
 };
-inline constexpr int kBugCount = 12;
+inline constexpr int kBugCount = 13;
 [[nodiscard]] const char* name(Bug bug) noexcept;
 
 /// How the world is out of order now. A fault class sets some of it.
@@ -70,7 +72,18 @@ struct Disturbance {
   nanoseconds wake_lateness{};
   bool has_second_publisher = false;
   // Registration and optics
-  bool is_registration_replaced = false, is_registration_withdrawn = false, is_zoomed = false;
+  bool is_registration_replaced = false, is_registration_withdrawn = false;
+  double zoom_step = 0;          ///< the zoom is suddenly so much larger, relatively
+  double zoom_rate_per_s = 0;    ///< ... and grows at this rate
+  bool is_drive_moving = false;  ///< and the node says that a drive turns it
+  double focus_step_mm = 0;
+  bool is_encoder_stuck = false;  ///< zoom and focus are told as they were
+  double encoder_error = 0;       ///< the zoom is told so much too large
+  bool is_node_silent = false, is_node_booting = false, is_node_corrupt = false,
+       is_node_skipping = false;
+  bool is_bus_off = false, is_bus_passive = false, is_bus_down = false, is_bus_overflowing = false;
+  bool is_reader_dead = false;       ///< our thread that reads the microscope
+  bool is_reader_restarted = false;  ///< it begins anew, and has never seen the node
   // Wire from daemon to robot
   double loss = 0, duplicates = 0, corruption = 0, reordering = 0;
   nanoseconds wire_delay{};
@@ -126,6 +139,8 @@ class World {
   void run_camera();
   void deliver_estimates();
   [[nodiscard]] perception::MotionEstimate estimate();
+  void run_microscope();
+  [[nodiscard]] double zoom_true() const;
   void run_operator();
   void run_loop();
   void publish(const rt::ControlOutput& output);
@@ -160,6 +175,14 @@ class World {
   std::deque<Pending> pending_;
   std::optional<rt::StampedEstimate> newest_estimate_, frozen_;
   bool was_connected_ = true;
+
+  // The microscope on its bus, and our reader
+  bridge::can::MicroscopeWatch watch_;
+  std::uint8_t heartbeat_counter_ = 0, state_counter_ = 0;
+  std::uint64_t bus_drops_ = 0;
+  double zoom_turned_ = 0;
+  bool is_recovery_wanted_ = false, has_restarted_reader_ = false;
+  std::optional<safety::OpticsInput> newest_optics_;
 
   // Control
   rt::ControlParameters parameters_;

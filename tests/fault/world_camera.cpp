@@ -42,6 +42,11 @@ perception::MotionEstimate World::estimate() {
   std::normal_distribution<double> noise(0, 0.003);
   for (int axis = 0; axis < 3; ++axis) motion.T_camera_site.translation()[axis] += noise(random_);
   motion.T_camera_site.translation().y() += d.estimate_offset_mm + estimate_slide_mm_;
+  // A tracker that does not know of a zoom takes it for an approach (docs/safety/hazards.md).
+  const double pivot_mm = motion.p_pivot_site_mm.z();
+  const double seen_mm = pivot_mm + motion.T_camera_site.translation().z();
+  motion.T_camera_site.translation().z() = seen_mm / zoom_true() - pivot_mm;
+  motion.scale = pivot_mm / (pivot_mm + motion.T_camera_site.translation().z());
   const double wrong_mm = std::abs(d.estimate_offset_mm + estimate_slide_mm_);
   motion.drift_um = 5 + (d.is_drift_seen ? 1e3 * wrong_mm : 0);
   motion.has_drift = !d.has_no_drift;

@@ -93,6 +93,30 @@ TEST_F(DaemonCommand, NamesAValueOutOfRange) {
   expect_refused("safety.pose_validity_ms = 21 is out of range 2 to 20 ms");
 }
 
+TEST_F(DaemonCommand, RefusesAMicroscopeLeftOut) {
+  RecordProperty("requirement", "SR-98");
+  replace("local = \"can.sock\"", "");
+  expect_refused("microscope.interface");
+  EXPECT_NE(err_.find("optics = \"fixed\""), std::string::npos) << err_;
+}
+
+TEST_F(DaemonCommand, RefusesAMicroscopeThatIsAlsoDeclaredFixed) {
+  RecordProperty("requirement", "SR-98");
+  replace("local = \"can.sock\"", "local = \"can.sock\"\noptics = \"fixed\"");
+  expect_refused("microscope.interface");
+}
+
+TEST_F(DaemonCommand, AcceptsDeclaredFixedOptics) {
+  replace("local = \"can.sock\"", "optics = \"fixed\"");
+  EXPECT_EQ(run("--check"), 0) << err_;
+}
+
+TEST_F(DaemonCommand, EndsWhenTheCanInterfaceIsNotThere) {
+  replace("local = \"can.sock\"", "interface = \"holdfast9\"");
+  EXPECT_EQ(run("--domain 93 --allow-non-rt"), 3) << err_;
+  EXPECT_NE(err_.find("can: holdfast9: cannot "), std::string::npos) << err_;
+}
+
 TEST_F(DaemonCommand, RefusesToBeUnsecuredUnlessAsked) {
   RecordProperty("requirement", "SR-89");
   replace("allow_unsecured = true", "");

@@ -12,6 +12,12 @@
 
 namespace holdfast::rt::testing {
 
+inline ControlParameters recorded_parameters() {
+  ControlParameters parameters = healthy_parameters();
+  parameters.optics_are_fixed = false;
+  return parameters;
+}
+
 inline RecordedSession day_session() {
   RecordedSession session;
   session.version = "0.0.test";
@@ -22,7 +28,7 @@ inline RecordedSession day_session() {
   session.ct = "1.2.3";
   session.zoom = 1.3;
   session.focus_mm = 200;
-  session.parameters = healthy_parameters();
+  session.parameters = recorded_parameters();
   return session;
 }
 
@@ -38,10 +44,11 @@ class RecordedDay {
     now_ += milliseconds(1);
     const auto i = static_cast<int>(index_ % kDay);
     inputs_.has_frames = i < 3000 || i > 3060;
-    inputs_.registration.optics_match = i < 9500 || i > 9600;
+    inputs_.registration.zoom = i < 9500 || i > 9600 ? kZoom : 2 * kZoom;
     Readings readings = inputs_.at(now_);
     if (readings.estimate) spoil(i, readings.estimate->motion);
     readings.operator_command = command_at(i);
+    readings.optics = look_at(i);
     readings.loop.wake_lateness = std::chrono::nanoseconds(1000 + 37 * (i % 11));
     CycleInfo info;
     info.index = index_++;
@@ -65,6 +72,17 @@ class RecordedDay {
     if (i > 6000 && i < 6050) motion.T_camera_site.translation().x() += 3;
     if (i > 9000 && i < 9050) motion.covariance.setConstant(std::nan(""));
   }
+  /// The microscope as its reader hands it over; a short silence of its node.
+  [[nodiscard]] safety::OpticsInput look_at(int i) const {
+    safety::OpticsInput look;
+    look.has_report = true;
+    look.t_report = now_;
+    look.is_known = i < 8500 || i > 8550;
+    if (!look.is_known) look.faults.insert(safety::Reason::microscope_missing);
+    look.zoom = kZoom;
+    look.focus_mm = 200;
+    return look;
+  }
   [[nodiscard]] safety::OperatorInput command_at(int i) const {
     const std::uint32_t stop_id = state_.gate.stop_id;
     if (i == 600 || i == 8000) return {safety::Command::arm, 0};
@@ -73,7 +91,8 @@ class RecordedDay {
     return {};
   }
 
-  ControlParameters parameters_ = healthy_parameters();
+  static constexpr double kZoom = 1.25;
+  ControlParameters parameters_ = recorded_parameters();
   ControlState state_;
   VirtualInputs inputs_;
   safety::Timestamp now_ = kStart;

@@ -51,7 +51,7 @@ std::string day_bytes(std::uint64_t cycles, const Lacks& lacks = {},
     day.cycle([&](const CycleInfo& info, safety::Timestamp now, const Readings& readings,
                   const ControlOutput& output, const ControlState& state) {
       if (lacks.has(i)) return;
-      if (i == 0 || readings.registration.optics_match != registration.optics_match) {
+      if (i == 0 || readings.registration.zoom != registration.zoom) {
         registration = readings.registration;
         file.add(RecordedRegistration{i, registration}, now);
       }

@@ -53,6 +53,7 @@ inline perception::MotionEstimate healthy_estimate(safety::Timestamp t_exposure)
 inline ControlParameters healthy_parameters() {
   ControlParameters parameters;
   parameters.limits.frame_period = kFramePeriod;
+  parameters.optics_are_fixed = true;
   return parameters;
 }
 
@@ -95,6 +96,8 @@ class VirtualInputs {
     safety::RegistrationInput loaded;
     loaded.is_loaded = true;
     loaded.id = 4711;
+    loaded.zoom = 1.25;
+    loaded.focus_mm = 200;
     loaded.covariance = diagonal_covariance(0.05, 1e-3);
     loaded.p_target_site_mm = Eigen::Vector3d(3, 2, 205);
     loaded.T_site_ct.translation() = loaded.p_target_site_mm;  // the target is the ct origin

@@ -4,6 +4,7 @@
 // other through the kernel only. One JSON object on stdout; judged by rtvm.py.
 #include <algorithm>
 #include <atomic>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
@@ -18,6 +19,7 @@
 #include "bridge/can/socket_can.hpp"
 #include "rt/core/clock.hpp"
 #include "rt/core/error.hpp"
+#include "rt/optics_thread.hpp"
 #include "tests/sim/microscope_node.hpp"
 
 namespace holdfast::rtvm {
@@ -43,6 +45,7 @@ class NodeThread {
       become_real_time();
       while (!is_ending_) {
         node_.is_silent = is_silent_;
+        if (const double zoom = zoom_.exchange(0); zoom > 0) node_.turn(Quantity::zoom, zoom);
         node_.poll(rt::monotonic_now());
         pollfd waiting{node_.transport().handle(), POLLIN, 0};
         poll(&waiting, 1, 1);
@@ -54,6 +57,7 @@ class NodeThread {
     thread_.join();
   }
   void set_silent(bool is_silent) { is_silent_ = is_silent; }
+  void turn_zoom(double zoom) { zoom_ = zoom; }
 
  private:
   static sim::MicroscopeNodeParameters parameters(bool is_fd) {
@@ -63,6 +67,7 @@ class NodeThread {
   }
   sim::MicroscopeNode node_;
   std::atomic<bool> is_silent_, is_ending_{false};
+  std::atomic<double> zoom_{0};
   std::thread thread_;
 };
 
@@ -92,6 +97,7 @@ class Probe {
     }
     full_queue();
     overflow();
+    optics_thread();
     if (host_ == node_) injected_errors();
     std::printf("}\n");
   }
@@ -164,6 +170,35 @@ class Probe {
     }
     print("receive_overflow", is_named ? 1 : 0);
     (void)microscope_->recover(rt::monotonic_now());
+  }
+
+  /// The daemon's own reader, on its thread: to its inbox, as the control loop finds it.
+  void optics_thread() {
+    rt::OpticsInbox inbox;
+    rt::CyclicThreadParameters thread;
+    thread.name = "optics";
+    thread.fifo_priority = 70;
+    MicroscopeParameters parameters;
+    parameters.is_fd = is_fd_;
+    NodeThread node(node_, is_fd_, false);
+    const rt::OpticsThread reader(std::make_unique<SocketCan>(host_), parameters, thread, inbox);
+    const auto told = [&](const char* key, auto holds) {
+      const nanoseconds begin = rt::monotonic_now();
+      safety::OpticsInput newest;
+      do {
+        poll(nullptr, 0, 1);
+        (void)inbox.newest.try_take(newest);
+      } while (!holds(newest) && rt::monotonic_now() - begin < std::chrono::seconds(1));
+      print(key, holds(newest) ? ms(rt::monotonic_now() - begin) : -1);
+    };
+    told("reader_knows_ms", [](const auto& optics) { return optics.is_known; });
+    node.turn_zoom(1.4);
+    told("reader_tells_zoom_ms",
+         [](const auto& optics) { return optics.is_known && std::abs(optics.zoom - 1.4) < 1e-9; });
+    node.set_silent(true);
+    told("reader_misses_ms", [](const auto& optics) {
+      return !optics.is_known && optics.faults.contains(safety::Reason::microscope_missing);
+    });
   }
 
   /// Error reports as a controller would make them, and an interface that goes down.

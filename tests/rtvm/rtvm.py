@@ -31,6 +31,7 @@ CAN = {  # bus: what must be 1 on it
     "can_vcan_fd": ("optics_known", "receive_overflow", "error_passive", "bus_off", "bus_off_stays", "interface_down"),
     "can_sja1000": ("optics_known", "receive_overflow", "queue_filled", "transmit_queue_full")}
 CAN_COMMANDS, CONFIRM_MAX_MS, MISSING_MAX_MS = 200, 5, 40  # 40 ms: two heartbeat periods
+TOLD_MAX_MS = 25  # a state period, the reader's and the probe's millisecond
 # Cycles: quiet, loaded, of each mutant, of the control. A cycle is a millisecond.
 SIZES = {"quick": (2000, 800, 300, 800), "full": (600_000, 600_000, 5000, 20_000)}
 
@@ -80,7 +81,9 @@ def summarise(rt, plain):
         "can": {
             "confirm_ms_p99": max(rt[bus]["confirm_ms_p99"] for bus in CAN),
             "node_never_seen_ms": max(rt[bus]["never_seen_ms"] for bus in CAN),
-            "node_fell_silent_ms": max(rt[bus]["fell_silent_ms"] for bus in CAN)},
+            "node_fell_silent_ms": max(rt[bus]["fell_silent_ms"] for bus in CAN),
+            "reader_tells_zoom_ms": max(rt[bus]["reader_tells_zoom_ms"] for bus in CAN),
+            "reader_misses_ms": max(rt[bus]["reader_misses_ms"] for bus in CAN)},
         "runs": {"rt": rt, "control": plain}}
 
 
@@ -92,6 +95,8 @@ def can_problem(rt, bus):
         wrong.append("confirmation")
     if not all(0 <= seen[key] <= MISSING_MAX_MS for key in ("never_seen_ms", "fell_silent_ms")):
         wrong.append("missing node")
+    if not 0 <= seen["reader_misses_ms"] <= MISSING_MAX_MS or not 0 <= seen["reader_tells_zoom_ms"] <= TOLD_MAX_MS:
+        wrong.append("the daemon's reader")
     return f"{bus}: {', '.join(wrong)}: {json.dumps(seen)}" if wrong else None
 
 
@@ -107,7 +112,7 @@ def checks(rt, result):
         ("MakesNoCallThatMayWait", "SR-77", clean("quiet", *forbidden) or clean("loaded", *forbidden)),
         ("CatchesEveryMutant", "SR-77,SR-78", None if result["mutants_caught"] == result["mutants"] else
          f"not caught: {', '.join(result['mutants_missed'])}"),
-        *((f"Microscope{bus.removeprefix('can_').title().replace('_', '')}", "SR-91,SR-93,SR-95", can_problem(rt, bus))
+        *((f"Microscope{bus.removeprefix('can_').title().replace('_', '')}", "SR-91,SR-93,SR-95,SR-108", can_problem(rt, bus))
           for bus in CAN),
         ("ControlKernelFails", "SR-78", None if result["control_kernel_failed"] else
          f"the ordinary kernel passed: {json.dumps(result['runs']['control'].get('loaded'))}")]

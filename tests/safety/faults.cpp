@@ -41,6 +41,10 @@ Fault camera_fault(const std::string& name, Reason reason) {
   return {name, reason, "SR-05", [reason](In& in, const Lim&) { in.camera.faults.insert(reason); }};
 }
 
+Fault optics_fault(const std::string& name, Reason reason) {
+  return {name, reason, "SR-97", [reason](In& in, const Lim&) { in.optics.faults.insert(reason); }};
+}
+
 Fault bad_number(const std::string& name, const std::function<void(Inputs&)>& spoil) {
   return {name, Reason::invalid_number, "SR-03", [spoil](In& in, const Lim&) { spoil(in); }};
 }
@@ -85,6 +89,13 @@ std::vector<Fault> bad_numbers() {
       bad_number("DriftNegative", [](In& in) { in.tracking.drift_mm = -0.1; }),
       bad_number("RobotTransformNan", [](In& in) { in.T_robot_camera(0, 0) = kNan; }),
       bad_number("RobotTransformZero", [](In& in) { in.T_robot_camera.matrix().setZero(); }),
+      bad_number("ScaleNan", [](In& in) { in.tracking.scale = kNan; }),
+      bad_number("ScaleNegative", [](In& in) { in.tracking.scale = -1; }),
+      bad_number("ZoomNan", [](In& in) { in.optics.zoom = kNan; }),
+      bad_number("ZoomNegative", [](In& in) { in.optics.zoom = -1.25; }),
+      bad_number("FocusInfinite", [](In& in) { in.optics.focus_mm = kInfinity; }),
+      bad_number("RegistrationZoomNan", [](In& in) { in.registration.zoom = kNan; }),
+      bad_number("RegistrationFocusNegative", [](In& in) { in.registration.focus_mm = -200; }),
       bad_number("HandEyeSigmaNan", [](In& in) { in.hand_eye_sigma.t_mm = kNan; }),
       bad_number("HandEyeSigmaNegative", [](In& in) { in.hand_eye_sigma.r_rad = -1e-4; }),
   };
@@ -102,8 +113,37 @@ std::vector<Fault> events() {
        [](In& in, const Lim&) { in.loop.second_publisher = true; }},
       {"InternalFault", Reason::internal_fault, "SR-28",
        [](In& in, const Lim&) { in.loop.internal_fault = true; }},
-      {"OpticsChanged", Reason::optics_changed, "SR-16",
-       [](In& in, const Lim&) { in.registration.optics_match = false; }},
+      {"ZoomChanged", Reason::optics_changed, "SR-16",
+       [](In& in, const Lim&) {
+         in.optics.zoom = 1.5;
+         in.tracking.scale = 1.2;
+       }},
+      {"FocusChanged", Reason::optics_changed, "SR-16",
+       [](In& in, const Lim&) { in.optics.focus_mm = 250; }},
+      {"OpticsMoving", Reason::optics_moving, "SR-97",
+       [](In& in, const Lim&) { in.optics.is_moving = true; }},
+      {"OpticsNeverTold", Reason::microscope_missing, "SR-97",
+       [](In& in, const Lim&) { in.optics = OpticsInput{}; }},
+      {"OpticsUnknown", Reason::microscope_silent, "SR-97",
+       [](In& in, const Lim&) { in.optics.is_known = false; }},
+      optics_fault("MicroscopeMissing", Reason::microscope_missing),
+      optics_fault("MicroscopeNotOperational", Reason::microscope_not_operational),
+      optics_fault("MicroscopeSilent", Reason::microscope_silent),
+      optics_fault("MicroscopeCorrupt", Reason::microscope_corrupt),
+      optics_fault("CanBusOff", Reason::can_bus_off),
+      optics_fault("CanErrorPassive", Reason::can_error_passive),
+      optics_fault("CanOverflow", Reason::can_overflow),
+      optics_fault("CanDown", Reason::can_down),
+      {"OpticsFaultThatIsNoFault", Reason::internal_fault, "SR-28",
+       [](In& in, const Lim&) { in.optics.faults.insert(Reason::frame_dark); }},
+      {"ScaleOfNoZoom", Reason::scale_mismatch, "SR-99",
+       [](In& in, const Lim&) { in.tracking.scale = 1.25; }},
+      {"ScaleOfFixedOptics", Reason::scale_mismatch, "SR-99",
+       [](In& in, const Lim&) {
+         in.optics = OpticsInput{};
+         in.optics.is_declared_fixed = true;
+         in.tracking.scale = 0.9;
+       }},
       {"RobotFault", Reason::robot_fault, "SR-18",
        [](In& in, const Lim&) { in.robot.has_fault = true; }},
       {"RobotNeverHeard", Reason::robot_silent, "SR-17",
@@ -189,6 +229,14 @@ std::vector<LimitCase> time_limits() {
                  [](In& in, const Lim& limits, Ns more) {
                    in.robot.t_last_status = in.now + limits.frame_future_max + more;
                  }),
+      time_limit("OpticsAge", Reason::microscope_silent, "SR-97",
+                 [](In& in, const Lim& limits, Ns more) {
+                   in.optics.t_report = in.now - limits.optics_age_max - more;
+                 }),
+      time_limit("OpticsReportAhead", Reason::microscope_silent, "SR-97",
+                 [](In& in, const Lim& limits, Ns more) {
+                   in.optics.t_report = in.now + limits.frame_future_max + more;
+                 }),
       time_limit("LoopLateness", Reason::loop_overrun, "SR-14",
                  [](In& in, const Lim& limits, Ns more) {
                    in.loop.wake_lateness = limits.loop_lateness_max + more;
@@ -216,6 +264,19 @@ std::vector<LimitCase> other_limits() {
                  [](In& in, double speed) { in.prediction->speed_mm_per_s = speed; }),
       real_limit("Sigma", Reason::covariance_exceeded, "SR-12", &Limits::sigma_target_max_mm,
                  kRounding, set_sigma),
+      real_limit("Zoom", Reason::optics_changed, "SR-16", &Limits::zoom_tolerance, kRounding,
+                 [](In& in, double more) { in.optics.zoom = in.registration.zoom + more; }),
+      real_limit("ZoomBelow", Reason::optics_changed, "SR-16", &Limits::zoom_tolerance, kRounding,
+                 [](In& in, double less) { in.optics.zoom = in.registration.zoom - less; }),
+      real_limit("Focus", Reason::optics_changed, "SR-16", &Limits::focus_tolerance_mm, kRounding,
+                 [](In& in, double mm) { in.optics.focus_mm = in.registration.focus_mm + mm; }),
+      real_limit("FocusBelow", Reason::optics_changed, "SR-16", &Limits::focus_tolerance_mm,
+                 kRounding,
+                 [](In& in, double mm) { in.optics.focus_mm = in.registration.focus_mm - mm; }),
+      real_limit("Scale", Reason::scale_mismatch, "SR-99", &Limits::scale_mismatch_max, kRounding,
+                 [](In& in, double more) { in.tracking.scale = 1 + more; }),
+      real_limit("ScaleBelow", Reason::scale_mismatch, "SR-99", &Limits::scale_mismatch_max,
+                 kRounding, [](In& in, double less) { in.tracking.scale = 1 - less; }),
       {"Inliers", Reason::tracking_weak, "SR-06",
        [](In& in, const Lim& limits) { in.tracking.inliers = limits.inliers_min; },
        [](In& in, const Lim& limits) { in.tracking.inliers = limits.inliers_min - 1; }},
@@ -257,6 +318,12 @@ const std::vector<RealLimitCase>& real_limit_cases() {
       {"Speed", Reason::speed_exceeded, &Limits::speed_max_mm_per_s,
        [](In& in, double speed) { in.prediction->speed_mm_per_s = speed; }},
       {"Sigma", Reason::covariance_exceeded, &Limits::sigma_target_max_mm, set_sigma},
+      {"Zoom", Reason::optics_changed, &Limits::zoom_tolerance,
+       [](In& in, double zoom) { in.optics.zoom = zoom; }},
+      {"Focus", Reason::optics_changed, &Limits::focus_tolerance_mm,
+       [](In& in, double mm) { in.optics.focus_mm = mm; }},
+      {"Scale", Reason::scale_mismatch, &Limits::scale_mismatch_max,
+       [](In& in, double scale) { in.tracking.scale = scale; }},
       {"InlierSpread", Reason::tracking_weak, &Limits::inlier_spread_min,
        [](In& in, double spread) { in.tracking.inlier_spread = spread; }},
   };

@@ -49,12 +49,25 @@ bool has_trusted_motion(const Limits& limits, const Inputs& in) {
   const Eigen::Matrix3d gram = T.linear().transpose() * T.linear();
   // A bound from below: what the prediction alone contributes along each axis.
   const double variance = in.prediction->covariance.diagonal().head<3>().maxCoeff();
-  return in.registration.optics_match && gram.isIdentity(1e-5) &&
-         (T * p - p).norm() <= limits.displacement_max_mm &&
+  return gram.isIdentity(1e-5) && (T * p - p).norm() <= limits.displacement_max_mm &&
          Eigen::AngleAxisd(T.linear()).angle() <= limits.rotation_max_rad + 1e-9 &&
          in.prediction->speed_mm_per_s >= 0 &&
          in.prediction->speed_mm_per_s <= limits.speed_max_mm_per_s && variance > 0 &&
          std::sqrt(variance) <= limits.sigma_target_max_mm;
+}
+
+bool has_trusted_optics(const Limits& limits, const Inputs& in) {
+  const OpticsInput& optics = in.optics;
+  const RegistrationInput& made_with = in.registration;
+  if (!optics.is_declared_fixed) {
+    const bool is_read = optics.has_report && optics.is_known && optics.faults.empty() &&
+                         !optics.is_moving && in.now <= optics.t_report + limits.optics_age_max;
+    if (!is_read || !(std::abs(optics.zoom - made_with.zoom) <= limits.zoom_tolerance) ||
+        !(std::abs(optics.focus_mm - made_with.focus_mm) <= limits.focus_tolerance_mm))
+      return false;
+  }
+  const double zoomed = optics.is_declared_fixed ? 1 : optics.zoom / made_with.zoom;
+  return std::abs(in.tracking.scale / zoomed - 1) <= limits.scale_mismatch_max + 1e-9;
 }
 
 bool has_trusted_surroundings(const Limits& limits, const Inputs& in) {
@@ -121,7 +134,8 @@ class GateProperty : public ::testing::TestWithParam<unsigned>, public test::Gat
   void check(const Inputs& in, const Decision& decision) {
     const bool is_backwards = observer.t_last && in.now < *observer.t_last;
     const bool is_good = has_trusted_image(limits, in) && has_trusted_motion(limits, in) &&
-                         has_trusted_surroundings(limits, in) && !is_backwards;
+                         has_trusted_optics(limits, in) && has_trusted_surroundings(limits, in) &&
+                         !is_backwards;
     ASSERT_EQ(decision.approved.has_value(), decision.mode == Mode::permitted);
     ASSERT_EQ(decision.cause == Reason::none, decision.mode == Mode::permitted);
     if (decision.approved) {

@@ -63,6 +63,34 @@ TEST_F(GateTest, VerifiesOnlyWithAnImageExposedAfterTheRegistrationCame) {
   EXPECT_EQ(step(exposed_at(t_seen + nanoseconds(1))).mode, Mode::ready);
 }
 
+TEST_F(GateTest, AReleaseVerifiesOnlyWithAnImageExposedAfterTheRegistrationCame) {
+  RecordProperty("requirement", "SR-32");
+  const auto without = [](Inputs& in) { in.registration.is_loaded = false; };
+  run(milliseconds(20), without);
+  command(Command::stop);
+  const auto confirmed_with_an_image_of = [&](Duration before) {
+    return step([&](Inputs& in) {
+      in.tracking.t_exposure = in.now - before;
+      in.operator_command = {Command::confirm, state.stop_id};
+    });
+  };
+  const auto acknowledge_without = [&] {
+    step([&](Inputs& in) {
+      without(in);
+      in.operator_command = {Command::acknowledge, state.stop_id};
+    });
+    run(milliseconds(300), without);
+  };
+  acknowledge_without();
+  EXPECT_EQ(confirmed_with_an_image_of(nanoseconds(0)).mode, Mode::stop_latched);
+  acknowledge_without();
+  step();
+  EXPECT_EQ(confirmed_with_an_image_of(milliseconds(1)).mode, Mode::stop_latched);
+  acknowledge_without();
+  run(milliseconds(20));
+  EXPECT_EQ(confirmed_with_an_image_of(milliseconds(10)).mode, Mode::ready);
+}
+
 TEST_F(GateTest, AnotherRegistrationWithdrawsTheVerification) {
   RecordProperty("requirement", "SR-15,SR-32");
   to_ready();

@@ -30,7 +30,8 @@ inline Inputs good_inputs(Timestamp now) {
                      .inlier_spread = 0.5,
                      .has_drift = true,
                      .drift_mm = 0.02,
-                     .contradicts_filter = false};
+                     .contradicts_filter = false,
+                     .scale = 1};
   PredictedPose prediction;
   prediction.T_camera_site.translation() = Eigen::Vector3d(0.5, -0.3, 0.1);
   prediction.covariance.diagonal() << 1e-4, 1e-4, 4e-4, 1e-8, 1e-8, 1e-8;
@@ -41,6 +42,13 @@ inline Inputs good_inputs(Timestamp now) {
   inputs.registration.T_site_ct.translation() = Eigen::Vector3d(10, -20, 180);
   inputs.registration.covariance.diagonal() << 1e-3, 1e-3, 2e-3, 1e-7, 1e-7, 1e-7;
   inputs.registration.p_target_site_mm = Eigen::Vector3d(1, 2, 200);
+  inputs.registration.zoom = 1.25;
+  inputs.registration.focus_mm = 200;
+  inputs.optics.has_report = true;
+  inputs.optics.t_report = now - milliseconds(1);
+  inputs.optics.is_known = true;
+  inputs.optics.zoom = 1.25;
+  inputs.optics.focus_mm = 200;
   inputs.robot = {.has_status = true, .t_last_status = now - milliseconds(10), .has_fault = false};
   return inputs;
 }

@@ -78,7 +78,6 @@ TEST(Monitors, ReadNothingOfAnUnloadedRegistration) {
   Inputs inputs = test::good_inputs(kNow);
   inputs.registration = RegistrationInput{};
   inputs.registration.T_site_ct(0, 0) = kNan;
-  inputs.registration.optics_match = false;
   EXPECT_EQ(observed_reasons({}, inputs, {}).bits(), 0U);
 }
 

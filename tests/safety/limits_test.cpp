@@ -80,7 +80,15 @@ INSTANTIATE_TEST_SUITE_P(
                       BadLimit{"Inliers", [](L& l) { l.inliers_min = 5; },
                                "inliers_min = 5 inliers: must lie within 6 and 100000 inliers"},
                       BadLimit{"Spread", [](L& l) { l.inlier_spread_min = 15; },
-                               "inlier_spread_min = 15 of 1: must lie within 0.01 and 1 of 1"}),
+                               "inlier_spread_min = 15 of 1: must lie within 0.01 and 1 of 1"},
+                      BadLimit{"Zoom", [](L& l) { l.zoom_tolerance = 0.2; },
+                               "zoom_tolerance = 0.2 of zoom: must lie within 0.0001 and 0.1 of"},
+                      BadLimit{"Focus", [](L& l) { l.focus_tolerance_mm = 11; },
+                               "focus_tolerance_mm = 11 mm: must lie within 0.001 and 10 mm"},
+                      BadLimit{"Scale", [](L& l) { l.scale_mismatch_max = 0; },
+                               "scale_mismatch_max = 0 of 1: must lie within 0.001 and 0.2 of 1"},
+                      BadLimit{"OpticsAge", [](L& l) { l.optics_age_max = milliseconds(0); },
+                               "optics_age_max = 0 ms: must lie within 1 and 500 ms"}),
     kCaseName);
 
 INSTANTIATE_TEST_SUITE_P(
@@ -143,6 +151,9 @@ TEST(Limits, AreAcceptedAtTheEndsOfTheirRanges) {
   tight.speed_max_mm_per_s = 0.1;
   tight.inliers_min = 6;
   tight.inlier_spread_min = 0.01;
+  tight.zoom_tolerance = 0.0001;
+  tight.focus_tolerance_mm = tight.scale_mismatch_max = 0.001;
+  tight.optics_age_max = milliseconds(1);
   EXPECT_EQ(invalid_limit(tight).value_or(""), "");
 }
 

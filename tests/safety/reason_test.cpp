@@ -29,18 +29,23 @@ TEST(Reason, KeepsItsCodeAndNameOnTheWire) {
     }
     return text;
   };
-  EXPECT_EQ(names(0, 16),
+  EXPECT_EQ(names(0, 17),
             "none operator_stop invalid_number clock_step loop_overrun second_publisher "
             "registration_changed optics_changed robot_fault drift_exceeded displacement_exceeded "
-            "speed_exceeded pose_jump message_corrupt hold_timeout internal_fault unknown ");
-  EXPECT_EQ(names(20, 35),
+            "speed_exceeded pose_jump message_corrupt hold_timeout internal_fault "
+            "scale_mismatch unknown ");
+  EXPECT_EQ(names(20, 44),
             "unknown camera_disconnected frame_late frame_incomplete frame_gap frame_frozen "
             "frame_dark frame_saturated frame_time_invalid tracking_lost tracking_degraded "
-            "tracking_weak estimate_stale covariance_exceeded robot_silent unknown ");
+            "tracking_weak estimate_stale covariance_exceeded robot_silent microscope_missing "
+            "microscope_not_operational microscope_silent microscope_corrupt can_bus_off "
+            "can_error_passive can_overflow can_down optics_moving unknown ");
   EXPECT_EQ(names(44, 50),
             "unknown initialising not_registered keyframe_unverified not_armed "
             "awaiting_acknowledgement unknown ");
-  EXPECT_EQ(names(55, 59), "unknown not_real_time unsecured_transport not_recording unknown ");
+  EXPECT_EQ(names(55, 61),
+            "unknown not_real_time unsecured_transport not_recording optics_unwatched "
+            "virtual_microscope unknown ");
 }
 
 TEST(ReasonSet, IsEmptyFromTheStart) {

@@ -42,7 +42,7 @@ class MicroscopeNode {
   bridge::can::NodeState state = bridge::can::NodeState::operational;
 
   [[nodiscard]] const bridge::can::Optics& optics() const { return optics_; }
-  [[nodiscard]] bridge::can::Transport& transport() { return *transport_; }
+  [[nodiscard]] bridge::can::Transport& transport() const { return *transport_; }
 
  private:
   void take(const bridge::can::CommandMessage& command, std::chrono::nanoseconds now);

@@ -2,6 +2,7 @@
 // `holdfast-sim demo`: the whole chain on the virtual operating room, and what came of it.
 #include <cstdio>
 #include <filesystem>
+#include <functional>
 #include <memory>
 
 #include <CLI/CLI.hpp>
@@ -50,30 +51,55 @@ void move(Rig& rig, const std::string& motion) {
 }
 
 /// One fault while the site moves; the window in which a stop is expected of it.
-ExpectedStop inject_fault(Rig& rig, const std::string& fault) {
-  progress("  injecting: " + fault);
+struct Injection {
+  const char* name;
+  std::function<std::chrono::nanoseconds(Rig&)> begin, end;
+};
+
+ExpectedStop inject_fault(Rig& rig, const Injection& fault) {
+  progress(fmt::format("  injecting: {}", fault.name));
   (void)rig.inject("motion linear:0.1");
   rig.run_for(1s);
-  if (!rig.wait_permitted(kRecoveryPatience))
-    throw RefusedError(
-        fmt::format("no permission within {} s before '{}'", kRecoveryPatience / 1s, fault));
-  ExpectedStop window{fault, rig.inject(fault + " on"), {}};
+  const auto require_permission = [&](const char* when) {
+    if (!rig.wait_permitted(kRecoveryPatience))
+      throw RefusedError(fmt::format("no permission within {} s {} '{}'", kRecoveryPatience / 1s,
+                                     when, fault.name));
+  };
+  require_permission("before");
+  ExpectedStop window{fault.name, fault.begin(rig), {}};
   const bool has_stopped = rig.wait_withdrawn(kStopPatience);
   rig.run_for(kFaultDuration);
-  window.to = rig.inject(fault + " off");
+  window.to = fault.end(rig);
   if (!has_stopped)
-    throw RefusedError(
-        fmt::format("'{}' did not withdraw permission within {} s", fault, kStopPatience / 1s));
-  if (!rig.wait_permitted(kRecoveryPatience))
-    throw RefusedError(
-        fmt::format("no permission within {} s after '{}'", kRecoveryPatience / 1s, fault));
+    throw RefusedError(fmt::format("'{}' did not withdraw permission within {} s", fault.name,
+                                   kStopPatience / 1s));
+  require_permission("after");
   return window;
+}
+
+/// What a camera can do wrong, and a zoom turned away and back.
+std::vector<Injection> injections(const rt::DaemonConfig& config) {
+  const auto camera = [](const char* name) {
+    const std::string fault = name;
+    return Injection{name, [fault](Rig& rig) { return rig.inject(fault + " on"); },
+                     [fault](Rig& rig) { return rig.inject(fault + " off"); }};
+  };
+  std::vector<Injection> all = {camera("freeze"), camera("occlude")};
+  if (config.optics.local.empty()) return all;
+  const double zoom = config.registration.zoom;
+  const auto turn = [](double to) {
+    return [to](Rig& rig) { return rig.turn(fmt::format("zoom {}", to)); };
+  };
+  all.push_back({"zoom", turn(zoom + 0.2), turn(zoom)});
+  return all;
 }
 
 void run_demo(const DemoOptions& options) {
   bridge::catch_interrupts();
-  progress(fmt::format("virtual operating room: camera, daemon, robot, operator; logs in {}",
-                       options.rig.folder.string()));
+  progress(fmt::format(
+      "virtual operating room: camera, microscope (over a local bus: this is no CAN), daemon, "
+      "guard, robot, operator; logs in {}",
+      options.rig.folder.string()));
   Rig rig{options.rig};
   if (!rig.wait_permitted(kStartPatience))
     throw RefusedError(fmt::format("no permission within {} s of the start; see {}/daemon.log",
@@ -83,7 +109,8 @@ void run_demo(const DemoOptions& options) {
                         : std::array{"still:1,linear", "still:1,spiral", "still:1,bump:1.5"})
     move(rig, motion);
   std::vector<ExpectedStop> expected;
-  for (const char* fault : {"freeze", "occlude"}) expected.push_back(inject_fault(rig, fault));
+  for (const Injection& fault : injections(rig.config()))
+    expected.push_back(inject_fault(rig, fault));
   rig.run_for(500ms);
   rig.finish();
 

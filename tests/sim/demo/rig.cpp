@@ -40,6 +40,21 @@ std::string last_line(const std::filesystem::path& log) {
   return last;
 }
 
+/// One line to a control socket; when it took effect, CLOCK_MONOTONIC.
+std::chrono::nanoseconds ask(int control, const char* whom, const std::string& command) {
+  const std::string line = command + "\n";
+  if (send(control, line.data(), line.size(), MSG_NOSIGNAL) != static_cast<ssize_t>(line.size()))
+    throw UnavailableError(fmt::format("{}: {}", whom, std::strerror(errno)));
+  std::string answer;
+  char c = 0;
+  while (recv(control, &c, 1, 0) == 1 && c != '\n') answer += c;
+  std::int64_t t_ns = 0;
+  if (!answer.starts_with("ok ") ||
+      std::from_chars(answer.data() + 3, answer.data() + answer.size(), t_ns).ec != std::errc{})
+    throw UnavailableError(fmt::format("{}, '{}': {}", whom, command, answer));
+  return std::chrono::nanoseconds{t_ns};
+}
+
 }  // namespace
 
 Rig::Rig(const RigParameters& parameters)
@@ -47,8 +62,8 @@ Rig::Rig(const RigParameters& parameters)
       domain_(parameters.domain),
       camera_address_(parameters.camera_address) {
   std::filesystem::create_directories(folder_);
-  for (const char* old : {"camera.log", "daemon.log", "guard.log", "robot.log", "operator.log",
-                          "robot.csv", "truth.csv", "events.csv"})
+  for (const char* old : {"camera.log", "microscope.log", "daemon.log", "guard.log", "robot.log",
+                          "operator.log", "robot.csv", "truth.csv", "events.csv"})
     std::filesystem::remove(folder_ / old);
   const auto sim = program_folder() / "holdfast-sim";
   ChildProcess setup{
@@ -72,6 +87,7 @@ Rig::Rig(const RigParameters& parameters)
   health_ = std::make_unique<bridge::dds::Reader<msg::TrackingHealth>>(*participant_);
 
   start_camera(parameters);
+  if (!config_.optics.local.empty()) start_microscope();
   const std::string domain = std::to_string(domain_);
   robot_.emplace(sim,
                  identified("robot", {"robot", "--domain", domain, "--log", robot_file().string()}),
@@ -90,7 +106,8 @@ Rig::~Rig() {
   } catch (
       ...) {  // NOLINT(bugprone-empty-catch): the error that brought us here is the one to report
   }
-  if (control_socket_ >= 0) close(control_socket_);
+  for (const int control : {camera_control_, microscope_control_})
+    if (control >= 0) close(control);
 }
 
 void Rig::make_keys() {
@@ -118,7 +135,18 @@ void Rig::start_camera(const RigParameters& parameters) {
                       "--seed", std::to_string(parameters.seed), "--truth", truth_file().string(),
                       "--events", events_file().string(), "--control", folder_ / "camera.sock"},
                   folder_ / "camera.log");
-  connect_control();
+  camera_control_ = connect_control("camera.sock");
+}
+
+void Rig::start_microscope() {
+  microscope_.emplace(
+      program_folder() / "holdfast-sim",
+      std::vector<std::string>{"can", "--local", config_.optics.local.string(), "--zoom",
+                               fmt::format("{}", config_.registration.zoom), "--focus-mm",
+                               fmt::format("{}", config_.registration.focus_mm), "--control",
+                               folder_ / "knob.sock"},
+      folder_ / "microscope.log");
+  microscope_control_ = connect_control("knob.sock");
 }
 
 void Rig::start_daemon() {
@@ -137,39 +165,32 @@ void Rig::start_guard(const RigParameters& parameters) {
                  folder_ / "guard.log");
 }
 
-void Rig::connect_control() {
-  control_socket_ = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+int Rig::connect_control(const std::string& name) {
+  const int control = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
   sockaddr_un address{};
   address.sun_family = AF_UNIX;
-  const std::string path = folder_ / "camera.sock";
+  const std::string path = folder_ / name;
   if (path.size() >= sizeof(address.sun_path))
     throw InputError(fmt::format("{}: longer than a socket's name may be ({} characters)", path,
                                  sizeof(address.sun_path) - 1));
   std::memcpy(address.sun_path, path.c_str(), path.size() + 1);
   const auto deadline = rt::monotonic_now() + kStartPatience;
   // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): the socket API's own convention
-  while (connect(control_socket_, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) !=
-         0) {
+  while (connect(control, reinterpret_cast<const sockaddr*>(&address), sizeof(address)) != 0) {
     require_running();
     if (rt::monotonic_now() > deadline)
       throw UnavailableError(fmt::format("{}: {}", path, std::strerror(errno)));
     std::this_thread::sleep_for(10ms);
   }
+  return control;
 }
 
 std::chrono::nanoseconds Rig::inject(const std::string& command) {
-  const std::string line = command + "\n";
-  if (send(control_socket_, line.data(), line.size(), MSG_NOSIGNAL) !=
-      static_cast<ssize_t>(line.size()))
-    throw UnavailableError(fmt::format("virtual camera: {}", std::strerror(errno)));
-  std::string answer;
-  char c = 0;
-  while (recv(control_socket_, &c, 1, 0) == 1 && c != '\n') answer += c;
-  std::int64_t t_ns = 0;
-  if (!answer.starts_with("ok ") ||
-      std::from_chars(answer.data() + 3, answer.data() + answer.size(), t_ns).ec != std::errc{})
-    throw UnavailableError(fmt::format("virtual camera, '{}': {}", command, answer));
-  return std::chrono::nanoseconds{t_ns};
+  return ask(camera_control_, "virtual camera", command);
+}
+
+std::chrono::nanoseconds Rig::turn(const std::string& command) {
+  return ask(microscope_control_, "virtual microscope", command);
 }
 
 void Rig::require_running() {
@@ -178,6 +199,7 @@ void Rig::require_running() {
       throw UnavailableError(fmt::format("{} ended: {}", log, last_line(folder_ / log)));
   };
   check(camera_, "camera.log");
+  check(microscope_, "microscope.log");
   check(daemon_, "daemon.log");
   check(guard_, "guard.log");
   check(robot_, "robot.log");
@@ -233,7 +255,7 @@ void Rig::restart_daemon() {
 }
 
 void Rig::finish() {
-  for (auto* process : {&operator_, &robot_, &guard_, &daemon_, &camera_})
+  for (auto* process : {&operator_, &robot_, &guard_, &daemon_, &microscope_, &camera_})
     if (*process) (void)(*process)->end(kEndPatience);
   bridge::write_file_atomically(
       (folder_ / "health.csv").string(),

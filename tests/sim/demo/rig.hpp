@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
-// The virtual operating room with the real programs in it: virtual camera, holdfastd, virtual robot
-// and operator, guard, each its own process, talking GigE Vision and DDS.
+// The virtual operating room with the real programs in it: virtual camera and microscope,
+// holdfastd, virtual robot and operator, guard, each its own process, talking GigE Vision, CAN
+// frames over a local bus, and DDS.
 #pragma once
 
 #include <chrono>
@@ -51,6 +52,10 @@ class Rig {
   /// One line to the virtual camera's control socket; when it took effect, CLOCK_MONOTONIC.
   std::chrono::nanoseconds inject(const std::string& command);
 
+  /// One line to the virtual microscope ("zoom 1.3"); when it took effect, CLOCK_MONOTONIC. The
+  /// image stays as it is: the encoder alone must stop the robot.
+  std::chrono::nanoseconds turn(const std::string& command);
+
   /// SIGKILL to the daemon; the instant just before. restart_daemon() brings it back.
   std::chrono::nanoseconds kill_daemon();
   void restart_daemon();
@@ -73,11 +78,12 @@ class Rig {
   [[nodiscard]] std::vector<std::string> identified(const std::string& role,
                                                     std::vector<std::string> words) const;
   void start_camera(const RigParameters& parameters);
+  void start_microscope();
   void start_daemon();
   void start_guard(const RigParameters& parameters);
   void require_running();
   void listen();
-  void connect_control();
+  [[nodiscard]] int connect_control(const std::string& name);
 
   std::filesystem::path folder_;
   int domain_;
@@ -90,8 +96,8 @@ class Rig {
   std::optional<msg::MotionStop> newest_;
   std::map<std::uint64_t, std::uint32_t> tracker_us_;
   std::string health_csv_;  ///< health.csv, written by finish()
-  std::optional<ChildProcess> camera_, daemon_, guard_, robot_, operator_;
-  int control_socket_ = -1;
+  std::optional<ChildProcess> camera_, microscope_, daemon_, guard_, robot_, operator_;
+  int camera_control_ = -1, microscope_control_ = -1;
 };
 
 /// Writes registration.json for the set-up files in `folder`: where the simulator put the CT, its
