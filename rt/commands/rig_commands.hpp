@@ -7,7 +7,7 @@
 
 #include "rt/study/tracking_study.hpp"
 
-namespace CLI {
+namespace CLI {  // NOLINT(readability-identifier-naming)
 class App;
 }
 
