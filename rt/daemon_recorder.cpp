@@ -12,7 +12,7 @@ RecordedSession session_of(const DaemonConfig& config, const ControlParameters& 
   RecordedSession session;
   session.version = HOLDFAST_VERSION;
   session.run = static_cast<std::uint64_t>(utc_now().count());
-  session.utc_minus_monotonic = utc_now() - monotonic_now();
+  session.utc_minus_monotonic_ns = (utc_now() - monotonic_now()).count();
   session.loop_period = config.loop.period;
   session.registration_checksum = config.registration.checksum;
   session.ct = config.registration.ct_identity;

@@ -98,7 +98,8 @@ class Recorder::Thread {
   std::optional<TapedState> next_state_;  // popped, and of a cycle that is not yet
   TapedCycle cycle_;
   TapedState state_;
-  std::uint64_t next_cycle_ = 0;  // the one that should be recorded next
+  std::uint64_t next_cycle_ = 0;   // the one that should be recorded next
+  std::uint64_t chunk_first_ = 0;  // what next_cycle_ was at the chunk's start
   std::uint64_t cycles_in_chunk_ = 0;
   safety::Timestamp t_chunk_{}, t_sync_{};
 
@@ -220,7 +221,9 @@ bool Recorder::Thread::begin_part(safety::Timestamp t) {
 }
 
 void Recorder::Thread::end_part() {
-  if (!file_ || !write_chunk()) return;
+  if (!file_) return;
+  if (end_of_tape_ == 0) return folder_.discard();  // the daemon did not come to its first cycle
+  if (!write_chunk()) return;
   file_->mcap().finish();
   // Without its end the file is still whole: no index, that is all.
   if (folder_.append(file_->mcap().pending())) (void)folder_.sync();
@@ -237,6 +240,7 @@ bool Recorder::Thread::write_chunk() {
   file_->mcap().clear_pending();
   recorded_ += cycles_in_chunk_;
   cycles_in_chunk_ = 0;
+  chunk_first_ = next_cycle_;
   t_chunk_ = monotonic_now();
   return true;
 }
@@ -248,7 +252,7 @@ void Recorder::Thread::fail() {
   condition_ = is_full(error) ? RecorderCondition::disk_full : RecorderCondition::write_failed;
   folder_.close();
   file_.reset();
-  next_cycle_ -= cycles_in_chunk_;
+  next_cycle_ = chunk_first_;
   cycles_in_chunk_ = 0;
 }
 

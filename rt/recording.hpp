@@ -14,8 +14,8 @@ struct RecordedSession {
   std::string version;     ///< of holdfastd
   std::uint64_t run = 0;   ///< UTC of the daemon's start, ns: the same in all files of one run
   std::uint64_t part = 0;  ///< file of that run, from 0
-  std::chrono::nanoseconds t_begun{};              ///< when this file was begun
-  std::chrono::nanoseconds utc_minus_monotonic{};  ///< at the start; log times are monotonic + this
+  std::chrono::nanoseconds t_begun{};       ///< when this file was begun
+  std::int64_t utc_minus_monotonic_ns = 0;  ///< at the start; log times are monotonic + this
   std::chrono::nanoseconds loop_period{};
   std::string registration_checksum, ct;
   double zoom = 0, focus_mm = 0;

@@ -56,7 +56,7 @@ void RecordingFile::write(Topic& topic, safety::Timestamp t, const T& value) {
 RecordingFile::RecordingFile(const RecordedSession& session,
                              const std::optional<RecordedRegistration>& registration)
     : mcap_("holdfast " + session.version),
-      utc_minus_monotonic_(session.utc_minus_monotonic),
+      utc_minus_monotonic_(session.utc_minus_monotonic_ns),
       session_(add_topic<RecordedSession>(kSessionTopic)),
       registration_(add_topic<RecordedRegistration>(kRegistrationTopic)),
       state_(add_topic<TapedState>(kStateTopic)),

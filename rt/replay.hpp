@@ -45,9 +45,10 @@ struct ReplayReport {
   static constexpr std::size_t kGapsMax = 100;
 };
 
-/// What may be watched while it runs; either may be empty.
+/// What may be watched while it runs; each may be empty.
 struct ReplayWatch {
-  /// Each compared cycle: its input and the decision that the replay made.
+  /// Each compared cycle, in order: its input and the decision that the replay made. With it the
+  /// files are replayed one after another.
   std::function<void(const RecordedInput&, const ControlOutput&)> on_cycle;
   /// Before each file.
   std::function<void(const std::filesystem::path&)> on_file;
@@ -55,8 +56,9 @@ struct ReplayWatch {
   std::function<bool()> is_interrupted;
 };
 
-/// `files` in the order of their recording. Throws InputError on a file that is damaged, no
-/// recording, or of a version whose messages are others.
+/// `files` in the order of their recording, as many at a time as there are processors: each begins
+/// with a recorded state, and must lead to the one that the next begins with. Throws InputError on
+/// a file that is damaged, no recording, or of a version whose messages are others.
 [[nodiscard]] ReplayReport replay(const std::vector<std::filesystem::path>& files,
                                   const ReplayWatch& watch = {});
 

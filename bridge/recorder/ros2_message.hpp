@@ -257,6 +257,9 @@ class CdrReader {
     } else {
       value = Wire<T>::from(get<W>());
     }
+    // No sum of a few instants and durations overflows.
+    if constexpr (std::is_same_v<T, std::chrono::nanoseconds>)
+      is_valid_ = is_valid_ && value <= kDurationMax && value >= -kDurationMax;
   }
   void operator()(std::string_view /*name*/, std::string& value) {
     const auto size = get<std::uint32_t>();
@@ -295,6 +298,7 @@ class CdrReader {
   }
 
  private:
+  static constexpr std::chrono::nanoseconds kDurationMax{std::int64_t{1} << 60U};  // 36 years
   template <typename W>
   [[nodiscard]] W get() {
     constexpr std::size_t kHead = CdrWriter::kHeadBytes;

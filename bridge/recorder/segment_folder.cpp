@@ -43,7 +43,7 @@ std::vector<std::filesystem::path> recordings_in(const std::filesystem::path& fo
 std::optional<std::string> invalid_recording_folder(const std::filesystem::path& folder) {
   namespace fs = std::filesystem;
   std::error_code error;
-  fs::path nearest = folder;
+  fs::path nearest = fs::absolute(folder, error);
   while (!fs::exists(nearest, error) && nearest.has_parent_path() &&
          nearest != nearest.parent_path())
     nearest = nearest.parent_path();

@@ -22,7 +22,7 @@ inline RecordedSession day_session() {
   RecordedSession session;
   session.version = "0.0.test";
   session.run = 1'900'000'000'123'456'789;
-  session.utc_minus_monotonic = std::chrono::seconds(1'899'999'000);
+  session.utc_minus_monotonic_ns = 1'899'999'000'000'000'000;
   session.loop_period = milliseconds(1);
   session.registration_checksum = "sha256:00";
   session.ct = "1.2.3";
@@ -37,12 +37,14 @@ inline RecordedSession day_session() {
 class RecordedDay {
  public:
   static constexpr std::uint64_t kDay = 10'000;
+  /// Without faults: armed at 0.6 s, permitted from then on.
+  explicit RecordedDay(bool has_faults = true) : has_faults_(has_faults) {}
 
   /// Runs the next cycle; `after` gets (info, now, readings, output, state after it).
   template <typename After>
   void cycle(After after) {
     now_ += milliseconds(1);
-    const auto i = static_cast<int>(index_ % kDay);
+    const auto i = static_cast<int>(has_faults_ || index_ < 1000 ? index_ % kDay : 1000);
     inputs_.has_frames = i < 3000 || i > 3060;
     inputs_.registration.zoom = i < 9500 || i > 9600 ? kZoom : 2 * kZoom;
     Readings readings = inputs_.at(now_);
@@ -91,6 +93,7 @@ class RecordedDay {
     return {};
   }
 
+  bool has_faults_;
   static constexpr double kZoom = 1.25;
   ControlParameters parameters_ = recorded_parameters();
   ControlState state_;
