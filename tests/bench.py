@@ -20,6 +20,7 @@ PROGRAMS = [
     ("holdfast-bench-dds", [], ["--quick"]),
     ("holdfast-bench-camera", [], ["--seconds", "2"]),
     ("holdfast-bench-loop", ["--seconds", "60", "--load", "2"], ["--seconds", "5"]),
+    ("holdfast-bench-recorder", [], ["--seconds", "2"]),
     ("holdfast-sim", ["reactions", "--runs", "200"], ["reactions", "--runs", "10"]),
     ("holdfast-sim", ["kills", "--runs", "100"], ["kills", "--runs", "3"]),
 ]

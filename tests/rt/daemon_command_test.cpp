@@ -117,6 +117,20 @@ TEST_F(DaemonCommand, EndsWhenTheCanInterfaceIsNotThere) {
   EXPECT_NE(err_.find("can: holdfast9: cannot "), std::string::npos) << err_;
 }
 
+TEST_F(DaemonCommand, ChecksWhereToRecord) {
+  RecordProperty("requirement", "SR-82");
+  config_ += "\n[recorder]\nfolder = \"recordings/of/today\"\n";
+  EXPECT_EQ(run("--check"), 0) << err_;
+  EXPECT_FALSE(fs::exists(folder_ / "recordings")) << "a check makes nothing";
+  config_ += "size_max_mb = 1\n";
+  expect_refused("recorder.size_max_mb = 1 is out of range 32 to 1000000");
+  replace("size_max_mb = 1\n", "");
+  replace("recordings/of/today", "camera.yaml");
+  expect_refused("camera.yaml is not a folder");
+  replace("folder = \"camera.yaml\"", "size_max_mb = 100");
+  expect_refused("recorder.folder");
+}
+
 TEST_F(DaemonCommand, RefusesToBeUnsecuredUnlessAsked) {
   RecordProperty("requirement", "SR-89");
   replace("allow_unsecured = true", "");

@@ -32,7 +32,7 @@ class PublisherTest : public ::testing::Test {
     ASSERT_TRUE(dds::eventually(
         [&] { return stops.status().matched == 1 && poses.status().matched == 1; }));
   }
-  void run() { publisher.run(reports, withdrawals, estimates, inbox, {}); }
+  void run() { publisher.run(reports, withdrawals, estimates, inbox, sources); }
   void report(const safety::Decision& decision) {
     CycleReport r;
     r.output.decision = decision;
@@ -73,6 +73,7 @@ class PublisherTest : public ::testing::Test {
   StopLatch withdrawals;
   Mailbox<StampedEstimate> estimates;
   ControlInbox inbox;
+  HealthSources sources;
   safety::test::GateDriver gate;
   std::uint64_t cycles = 0;
   std::vector<msg::MotionStop> heard_stops;
@@ -140,6 +141,15 @@ TEST_F(PublisherTest, SaysWithEachHealthMessageThatItIsNotRealTime) {
   const auto heard = run_and_hear_health();
   ASSERT_TRUE(heard);
   EXPECT_TRUE(safety::ReasonSet{heard->advisories}.contains(Reason::not_real_time));
+}
+
+TEST_F(PublisherTest, SaysWithEachHealthMessageThatADiskRefusesTheRecording) {
+  RecordProperty("requirement", "SR-121");
+  sources.advisories.insert(Reason::not_recording);
+  estimates.publish({});
+  const auto heard = run_and_hear_health();
+  ASSERT_TRUE(heard);
+  EXPECT_TRUE(safety::ReasonSet{heard->advisories}.contains(Reason::not_recording));
 }
 
 TEST_F(PublisherTest, HealthCarriesTheJudgedUncertaintyAndTheKeyframesRegistration) {
