@@ -145,7 +145,13 @@ class Location {
     }
     constexpr double kTypicalPx = 0.03;
     const double excess = std::max(1.0, std::pow(fit.rms_px / kTypicalPx, 2));
-    return excess * jacobian * fit.covariance * jacobian.transpose();
+    return excess * jacobian * fit.covariance * jacobian.transpose() + made_covariance(fit);
+  }
+
+  [[nodiscard]] Eigen::Matrix3d made_covariance(const SquareFit& fit) const {
+    if (options_.offset_mm == 0) return Eigen::Matrix3d::Zero();
+    const Eigen::Matrix3d R = fit.T_camera_marker.linear();
+    return R * options_.offset_sigma_mm.cwiseAbs2().asDiagonal() * R.transpose();
   }
 
   /// All markers share one calibration, whose error has a known covariance, and tell something of

@@ -17,7 +17,10 @@ namespace holdfast::registration {
 
 struct MarkerOptions {
   double offset_mm = 0;  ///< the point wanted lies this far below the marker (a bead's 1 mm)
-  double marker_mm = 0;  ///< side of the black square; 0: not known, measured
+  /// How exactly that is made (1 sigma, mm, the marker's axes: x, y along its sides, z out of it);
+  /// counts only where offset_mm is not 0.
+  Eigen::Vector3d offset_sigma_mm{0.01, 0.01, 0.02};
+  double marker_mm = 0;            ///< side of the black square; 0: not known, measured
   double marker_sigma_mm = 0.01;   ///< how exactly each is made (1 sigma); 0: not used
   int least = 3;                   ///< markers that a registration needs
   double worst_fit_px = 0.5;       ///< rms of one marker's corners in both images

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "registration/rigid_fit.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -13,9 +14,11 @@
 namespace holdfast::registration {
 namespace {
 
-constexpr int kIterationsMax = 50;
-constexpr double kStepMinMm = 1e-10;  // a rotation's step counts as mm at 100 mm
-constexpr double kRegion = 0.95;      // the region whose coverage the covariance is to keep
+constexpr int kIterationsMax = 300;
+constexpr double kDecrementMin = 1e-12;  // of the squared length: a millionth of a sigma is left
+constexpr double kCostRounding = 1e-9;   // of numbers of 200 mm known to a micrometre
+constexpr double kDampingFirst = 1e-4, kDampingAtEnd = 1e-6;  // share of the information
+constexpr double kRegion = 0.95;  // the region whose coverage the covariance is to keep
 // Points whose spread about their best line is below this part of their spread along it are a line:
 // the rotation about it then carries a hundred times the others' error.
 constexpr double kLineRatioMin = 0.01;
@@ -33,7 +36,7 @@ bool is_a_line(const Eigen::Matrix3Xd& points) {
   return !(spread(1) > kLineRatioMin * spread(0));
 }
 
-/// The stacked problem: residual y = p_camera - (R p_ct + t), its covariance, its Jacobian.
+/// The stacked problem: residual y = p_camera - (R p_ct + t), its covariance.
 struct Problem {
   const FiducialSet& fiducials;
   Eigen::Matrix3Xd p_camera, p_ct;
@@ -55,13 +58,6 @@ struct Problem {
     for (Eigen::Index i = 0; i < count(); ++i) y.col(i) = p_camera.col(i) - T * p_ct.col(i);
     return Eigen::Map<Eigen::VectorXd>{y.data(), y.size()};
   }
-
-  [[nodiscard]] Eigen::MatrixXd jacobian(const Eigen::Isometry3d& T) const {
-    Eigen::MatrixXd J(3 * count(), 6);
-    for (Eigen::Index i = 0; i < count(); ++i)
-      J.middleRows<3>(3 * i) = point_jacobian(T, p_ct.col(i));
-    return J;
-  }
 };
 
 bool is_usable(const FiducialSet& set) {
@@ -76,23 +72,123 @@ bool is_usable(const FiducialSet& set) {
   return true;
 }
 
-/// Gauss-Newton under the covariance at hand; false when a covariance is not positive definite or
-/// the steps do not end.
+/// Half the squared Mahalanobis length of the residuals, and its derivatives by a step (dt, r) that
+/// turns about `centre_mm`: r about the camera's origin would tie turn and shift together.
+struct Quadratic {
+  double cost = 0;
+  Vector6d descent = Vector6d::Zero();  ///< minus the gradient
+  Matrix6d information =
+      Matrix6d::Zero();                   ///< J'WJ: Gauss-Newton's curvature, Fisher's information
+  Matrix6d curvature = Matrix6d::Zero();  ///< with what the turn adds in second order: Newton's
+};
+
+Quadratic quadratic_at(const Problem& problem, const Eigen::LLT<Eigen::MatrixXd>& noise,
+                       const Eigen::Isometry3d& T, const Eigen::Vector3d& centre_mm) {
+  const Eigen::VectorXd y = problem.residual(T), w = noise.solve(y);
+  Eigen::MatrixXd J(3 * problem.count(), 6);
+  Quadratic q;
+  for (Eigen::Index i = 0; i < problem.count(); ++i) {
+    const Eigen::Vector3d arm = T * problem.p_ct.col(i) - centre_mm, pull = w.segment<3>(3 * i);
+    J.middleRows<3>(3 * i) << Eigen::Matrix3d::Identity(), -cross_matrix(arm);
+    // Exp(r)·arm = arm + r x arm + r x (r x arm) / 2 + ...: the last, along `pull`.
+    q.curvature.bottomRightCorner<3, 3>() +=
+        pull.dot(arm) * Eigen::Matrix3d::Identity() -
+        0.5 * (pull * arm.transpose() + arm * pull.transpose());
+  }
+  q.cost = 0.5 * y.dot(w);
+  q.descent = J.transpose() * w;
+  q.information = J.transpose() * noise.solve(J);
+  q.curvature += q.information;
+  return q;
+}
+
+/// `T` after a step that turns about `centre_mm`.
+Eigen::Isometry3d stepped(const Eigen::Isometry3d& T, const Vector6d& step,
+                          const Eigen::Vector3d& centre_mm) {
+  const double angle_rad = step.tail<3>().norm();
+  const Eigen::Vector3d axis =
+      angle_rad > 0 ? Eigen::Vector3d{step.tail<3>() / angle_rad} : Eigen::Vector3d::UnitX();
+  return Eigen::Translation3d{centre_mm + step.head<3>()} * Eigen::AngleAxisd{angle_rad, axis} *
+         Eigen::Translation3d{-centre_mm} * T;
+}
+
+/// From a step that turns about `centre_mm` to the same as RigidFit::covariance means it.
+Matrix6d about_origin(const Eigen::Isometry3d& T, const Eigen::Vector3d& centre_mm) {
+  Matrix6d A = Matrix6d::Identity();
+  A.topRightCorner<3, 3>() = -cross_matrix(T.translation() - centre_mm);
+  return A;
+}
+
+/// Newton's method with Levenberg's damping under the covariance at hand; false when a covariance
+/// is not positive definite or no minimum is reached. Gauss-Newton would not do: where all points
+/// may turn together far more than their distances may change, the curvature that it leaves out is
+/// larger than what it keeps, and it circles the minimum for ever.
 bool refine(const Problem& problem, RigidFit& fit) {
+  const Eigen::Vector3d centre_mm = problem.p_camera.rowwise().mean();
+  double damping = 0;
   for (int i = 0; i < kIterationsMax; ++i) {
     const Eigen::LLT<Eigen::MatrixXd> noise{fiducial_noise(problem.fiducials, fit.T_camera_ct)};
     if (noise.info() != Eigen::Success) return false;
-    const Eigen::MatrixXd J = noise.matrixL().solve(problem.jacobian(fit.T_camera_ct));
-    const Eigen::VectorXd y = noise.matrixL().solve(problem.residual(fit.T_camera_ct));
-    const Eigen::LDLT<Matrix6d> normal{Matrix6d{J.transpose() * J}};
-    const Vector6d step = normal.solve(J.transpose() * y);
-    if (!step.allFinite()) return false;
-    fit.T_camera_ct = moved(fit.T_camera_ct, step);
-    fit.covariance = normal.solve(Matrix6d::Identity());
-    fit.chi_squared = y.squaredNorm();
-    if (step.head<3>().norm() + 100 * step.tail<3>().norm() < kStepMinMm) return true;
+    const Quadratic here = quadratic_at(problem, noise, fit.T_camera_ct, centre_mm);
+    Matrix6d damped = here.curvature;
+    damped.diagonal() += damping * here.information.diagonal();
+    const Eigen::LLT<Matrix6d> normal{damped};
+    const Vector6d step = normal.solve(here.descent);
+    if (normal.info() == Eigen::Success && !step.allFinite()) return false;
+    const bool is_end = normal.info() == Eigen::Success && here.descent.dot(step) < kDecrementMin &&
+                        damping < kDampingAtEnd;
+    const Eigen::Isometry3d next = normal.info() == Eigen::Success
+                                       ? stepped(fit.T_camera_ct, step, centre_mm)
+                                       : fit.T_camera_ct;
+    if (is_end) {  // so near that this step's error is its square
+      const Matrix6d A = about_origin(next, centre_mm);
+      fit.covariance = A * here.information.llt().solve(Matrix6d::Identity()) * A.transpose();
+      fit.chi_squared = 2 * here.cost;
+      fit.T_camera_ct = next;
+      return true;
+    }
+    const Eigen::VectorXd y = problem.residual(next);
+    if (normal.info() == Eigen::Success &&
+        0.5 * y.dot(noise.solve(y)) <= here.cost + kCostRounding * (1 + here.cost)) {
+      fit.T_camera_ct = next;
+      damping = damping > kDampingAtEnd ? 0.1 * damping : 0;
+    } else {
+      damping = std::max(10 * damping, kDampingFirst);
+    }
   }
   return false;
+}
+
+/// What each camera point's error holds that is its own: 3x3 blocks on the diagonal, as large as
+/// the joint covariance leaves room for in the proportions of each point's covariance given the
+/// others. Rather too small: then more counts as common.
+Eigen::MatrixXd own_covariance(const Eigen::MatrixXd& joint) {
+  Eigen::MatrixXd own = Eigen::MatrixXd::Zero(joint.rows(), joint.cols());
+  const Eigen::LLT<Eigen::MatrixXd> factor{joint};
+  if (factor.info() != Eigen::Success) return own;
+  const Eigen::MatrixXd inverse =
+      factor.solve(Eigen::MatrixXd::Identity(joint.rows(), joint.cols()));
+  for (Eigen::Index i = 0; i < joint.rows(); i += 3)
+    own.block<3, 3>(i, i) = Eigen::Matrix3d{inverse.block<3, 3>(i, i)}.inverse();
+  const Eigen::LLT<Eigen::MatrixXd> root{own};
+  if (root.info() != Eigen::Success) return Eigen::MatrixXd::Zero(joint.rows(), joint.cols());
+  const Eigen::MatrixXd half = root.matrixL().solve(joint);
+  const Eigen::MatrixXd ratio = root.matrixL().solve(half.transpose());
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen{
+      Eigen::MatrixXd{0.5 * (ratio + ratio.transpose())}, Eigen::EigenvaluesOnly};
+  return std::clamp(eigen.eigenvalues()(0), 0.0, 1.0) * own;
+}
+
+/// The part of `fit.covariance` that comes from what the camera points' errors have in common.
+Matrix6d common_covariance(const Problem& problem, const RigidFit& fit) {
+  const Eigen::MatrixXd& joint = problem.fiducials.joint_covariance_camera_mm2;
+  const Eigen::LLT<Eigen::MatrixXd> noise{fiducial_noise(problem.fiducials, fit.T_camera_ct)};
+  Eigen::MatrixXd J(3 * problem.count(), 6);
+  for (Eigen::Index i = 0; i < problem.count(); ++i)
+    J.middleRows<3>(3 * i) = point_jacobian(fit.T_camera_ct, problem.p_ct.col(i));
+  // How far each point's error moves the fit: (J'WJ)^-1 J'W.
+  const Eigen::MatrixXd gain = fit.covariance * noise.solve(J).transpose();
+  return gain * (joint - own_covariance(joint)) * gain.transpose();
 }
 
 void judge_by_residuals(RigidFit& fit) {
@@ -179,7 +275,7 @@ RigidFit fit_rigid(const FiducialSet& fiducials) {
   }
   fit.degrees_of_freedom = 3 * n - 6;
   fit.T_camera_ct = horn(problem.p_camera, problem.p_ct);
-  if (!refine(problem, fit)) return fit;
+  if (!refine(problem, fit) || !fit.covariance.allFinite()) return fit;
   const Eigen::VectorXd residual = problem.residual(fit.T_camera_ct);
   fit.fre_mm = std::sqrt(residual.squaredNorm() / n);
   for (Eigen::Index i = 0; i < n; ++i)
@@ -189,6 +285,8 @@ RigidFit fit_rigid(const FiducialSet& fiducials) {
         boost::math::chi_squared{static_cast<double>(fit.degrees_of_freedom)}, fit.chi_squared));
   else
     judge_by_residuals(fit);
+  if (fiducials.has_covariances && fiducials.joint_covariance_camera_mm2.size() != 0)
+    fit.common_covariance = common_covariance(problem, fit);
   fit.status = FitStatus::fitted;
   return fit;
 }

@@ -46,6 +46,9 @@ struct RigidFit {
   Eigen::Isometry3d T_camera_ct = Eigen::Isometry3d::Identity();
   /// tx,ty,tz,rx,ry,rz (mm, rad), fixed camera axes: p_camera = Exp(r)·R·p_ct + t + dt.
   Matrix6d covariance = Matrix6d::Zero();
+  /// The part of it that all camera points share, by their joint covariance: the calibration has
+  /// moved them together, and whatever else it measures with them.
+  Matrix6d common_covariance = Matrix6d::Zero();
   double fre_mm = 0;                 ///< root mean square of the residuals' lengths
   std::vector<double> residuals_mm;  ///< lengths, in the pairs' order
   /// Squared Mahalanobis length of the residuals and the probability of one at least as large if

@@ -132,8 +132,9 @@ struct Solution {
 
 /// Generalised least squares under a field of `field_mm`, and how likely such a field is once the
 /// six numbers of the motion are fitted (restricted likelihood, constants left out).
-Solution solve(const Model& model, double field_mm) {
+Solution solve(const Model& model, double field_mm, double offset_mm) {
   Eigen::MatrixXd covariance = field_mm * field_mm * model.correlation;
+  covariance.array() += offset_mm * offset_mm;
   covariance.diagonal() += model.noise_mm2;
   const Eigen::LLT<Eigen::MatrixXd> root{covariance};
   const Eigen::MatrixXd H = root.matrixL().solve(model.H);
@@ -148,15 +149,15 @@ Solution solve(const Model& model, double field_mm) {
 }
 
 /// The field that the residuals speak for, at least `field_min_mm`; steps of a fifth.
-double likeliest_field_mm(const Model& model, double field_min_mm) {
+double likeliest_field_mm(const Model& model, double field_min_mm, double offset_mm) {
   constexpr double kStep = 1.2;
   constexpr int kStepsMax = 16;
   double best = field_min_mm;
-  double best_likelihood = solve(model, best).restricted_log_likelihood;
+  double best_likelihood = solve(model, best, offset_mm).restricted_log_likelihood;
   double field = best;
   for (int i = 0; i < kStepsMax; ++i) {
     field *= kStep;
-    const double likelihood = solve(model, field).restricted_log_likelihood;
+    const double likelihood = solve(model, field, offset_mm).restricted_log_likelihood;
     if (!(likelihood > best_likelihood)) break;
     best = field;
     best_likelihood = likelihood;
@@ -217,7 +218,8 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
   fit.T_camera_ct = start.T_camera_ct;
   std::vector<Eigen::Vector3d> points = p_camera_mm;
   draw(points, options.points, options.seed);
-  const Matrix6d prior = start.covariance.ldlt().solve(Matrix6d::Identity());
+  const Matrix6d own = start.covariance - start.common_covariance;
+  const Matrix6d prior = own.ldlt().solve(Matrix6d::Identity());
   for (int i = 0; i < kIterationsMax; ++i) {
     std::vector<Contact> on_surface = contacts(points, ct, fit.T_camera_ct, options.within_mm);
     fit.overlap = points.empty()
@@ -232,8 +234,9 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
     fit.noise_mm = point_noise_mm(grouped);
     const Model model{grouped, fit.noise_mm, options.correlation_mm};
     // The field is judged twice: at the start, and once the surfaces lie on each other.
-    if (i == 0 || i == kFieldAgain) fit.field_mm = likeliest_field_mm(model, options.field_min_mm);
-    const Solution surface = solve(model, fit.field_mm);
+    if (i == 0 || i == kFieldAgain)
+      fit.field_mm = likeliest_field_mm(model, options.field_min_mm, options.offset_mm);
+    const Solution surface = solve(model, fit.field_mm, options.offset_mm);
     const Matrix6d information = prior + surface.information;
     const Vector6d gradient =
         prior * difference(fit.T_camera_ct, start.T_camera_ct) + surface.gradient;
@@ -250,8 +253,9 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
       fit.covariance *= 1 + step_squared;
     }
     summarise(on_surface, start, fit);
-    fit.p_value = p_value_of_shift(difference(start.T_camera_ct, fit.T_camera_ct), start.covariance,
-                                   fit.covariance);
+    fit.p_value =
+        p_value_of_shift(difference(start.T_camera_ct, fit.T_camera_ct), own, fit.covariance);
+    fit.covariance += start.common_covariance;
     fit.status = fit.p_value < options.disagreement_p_min ? SurfaceFitStatus::disagreement
                                                           : SurfaceFitStatus::fused;
     return fit;

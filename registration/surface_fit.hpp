@@ -2,7 +2,9 @@
 // A fiducial registration and a reconstructed surface, fused by covariance. The surface does not
 // overwrite the fiducials: each adds the information it has. The surface's errors are not
 // independent from point to point: calibration bends it as a whole. So a random field is
-// part of the error model, and a thousand neighbours count little more than one.
+// part of the error model, and a thousand neighbours count little more than one. What the
+// calibration does to fiducials and surface alike (RigidFit::common_covariance) neither can tell,
+// and it stays in the result as it was.
 #pragma once
 
 #include <cstdint>
@@ -21,8 +23,12 @@ struct SurfaceFitOptions {
   /// The calibration's error bends the surface as a field of correlation exp(-d / L). A smoother
   /// kernel would let the fit tell field from motion far better than any real error allows.
   double correlation_mm = 10;  ///< L
-  double field_min_mm =
-      0.06;  ///< 1 sigma of it, at least: what calibration leaves, which residuals do not show
+  /// 1 sigma of it, at least: what calibration and the matcher's habits at steep slopes leave and
+  /// residuals do not show. Rendered ears against the truth: at 0.06 mm their region was too small.
+  double field_min_mm = 0.1;
+  /// 1 sigma of how far the CT's surface lies off along its normal, everywhere alike: its
+  /// threshold, partial volume and blur decide that.
+  double offset_mm = 0.05;
   double overlap_min = 0.3;  ///< share of the drawn points that must lie on the CT surface
   double disagreement_p_min = 1e-4;
 };

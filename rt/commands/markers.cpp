@@ -3,6 +3,7 @@
 #include <cmath>
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
@@ -44,6 +45,7 @@ constexpr const char* kExample =
 struct Options {
   std::string left, right, calibration, out, seated, dictionary = "4x4_50";
   double zoom = 0;
+  std::vector<double> offset_sigma_mm{0.01, 0.01, 0.02};
   MarkerOptions markers;
   bool may_extrapolate = false, is_json = false;
 };
@@ -79,7 +81,7 @@ void print(const Options& options, const MarkerSet& set) {
         m.side_mm, m.fit_px);
 }
 
-void run(const Options& options) {
+void run(Options options) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   cv::setNumThreads(2);
   bridge::catch_interrupts();
@@ -89,6 +91,8 @@ void run(const Options& options) {
   if (!(options.markers.marker_mm >= 0 && options.markers.marker_mm < 1000))
     throw InputError(
         fmt::format("--marker-mm is {:g}, must be 0 to 1000 mm", options.markers.marker_mm));
+  for (Eigen::Index i = 0; i < 3; ++i)
+    options.markers.offset_sigma_mm[i] = options.offset_sigma_mm[static_cast<std::size_t>(i)];
   const int dictionary = marker_dictionary(options.dictionary);
   const StereoCalibration calibration = read_stereo_calibration(options.calibration);
   const ZoomCalibration zoom =
@@ -123,6 +127,13 @@ void add_markers(CLI::App& app) {
   markers
       ->add_option("--offset-mm", options->markers.offset_mm,
                    "Write the point this far below each marker along its normal, mm")
+      ->capture_default_str();
+  markers
+      ->add_option("--offset-sigma-mm", options->offset_sigma_mm,
+                   "How exactly that point is made, x,y,z of the marker, mm (1 sigma)")
+      ->delimiter(',')
+      ->expected(3)
+      ->check(CLI::Range(0.0, 10.0))
       ->capture_default_str();
   markers->add_option(
       "--marker-mm", options->markers.marker_mm,

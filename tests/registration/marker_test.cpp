@@ -97,6 +97,24 @@ TEST_F(Markers, CentresAndBeadsAreFoundToAFewHundredthsOfAMillimetre) {
   }
 }
 
+TEST_F(Markers, ABeadIsKnownNoBetterThanItsHolderIsMade) {
+  const auto left = detected(true), right = detected(false);
+  MarkerOptions options;
+  options.offset_mm = 1;
+  const MarkerSet made = locate_markers(left, right, zoom_, options);
+  const Eigen::Matrix3d R = made.markers[0].T_camera_marker.linear();
+  options.offset_sigma_mm.setZero();
+  const MarkerSet ideal = locate_markers(left, right, zoom_, options);
+  const Eigen::Matrix3d added =
+      R.transpose() * (made.markers[0].covariance_mm2 - ideal.markers[0].covariance_mm2) * R;
+  EXPECT_NEAR(added(0, 0), 1e-4, 1e-7);
+  EXPECT_NEAR(added(2, 2), 4e-4, 1e-7);
+  EXPECT_NEAR(added(0, 2), 0, 1e-7);
+  options.offset_mm = 0;  // the print itself
+  options.offset_sigma_mm.setConstant(1);
+  EXPECT_LT(locate_markers(left, right, zoom_, options).markers[0].covariance_mm2.trace(), 0.01);
+}
+
 TEST_F(Markers, TheCalibrationsUncertaintyIsSharedByAllMarkers) {
   const auto left = detected(true), right = detected(false);
   const MarkerSet without = locate_markers(left, right, zoom_, {});

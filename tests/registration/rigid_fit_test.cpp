@@ -6,6 +6,7 @@
 #include <random>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 namespace holdfast::registration {
@@ -144,6 +145,56 @@ TEST(RigidFit, JointCovarianceKeepsTheRegionTrueUnderACommonError) {
     return set;
   });
   EXPECT_LT(without, 0.93) << "the joint covariance would be needless";
+}
+
+/// As a calibration from few views leaves it: all points may turn about the camera together by
+/// `turn_rad`, and their places to each other are known to micrometres.
+FiducialSet set_that_may_turn(std::mt19937_64& random, double turn_rad) {
+  std::normal_distribution<double> normal;
+  FiducialSet set;
+  set.has_covariances = true;
+  constexpr double kOwnMm = 0.003;
+  const Eigen::Vector3d turn = turn_rad * normal(random) * Eigen::Vector3d{0.3, 0.9, 0.3};
+  Eigen::VectorXd together(12);
+  for (const Eigen::Vector3d& p : holders()) {
+    FiducialPair pair;
+    pair.p_ct_mm = p;
+    const auto at = static_cast<Eigen::Index>(3 * set.pairs.size());
+    together.segment<3>(at) = turn_rad * Eigen::Vector3d{0.3, 0.9, 0.3}.cross(kTruth * p);
+    pair.p_camera_mm = kTruth * p + turn.cross(kTruth * p) + kOwnMm * normal_deviate(random);
+    set.pairs.push_back(pair);
+  }
+  set.joint_covariance_camera_mm2 =
+      together * together.transpose() + kOwnMm * kOwnMm * Eigen::MatrixXd::Identity(12, 12);
+  return set;
+}
+
+TEST(RigidFit, ConvergesWherePointsMayTurnTogether) {
+  RecordProperty("requirement", "SR-85");
+  std::mt19937_64 random{11};
+  for (const double turn_rad : {0.001, 0.005, 0.02})
+    for (int i = 0; i < 50; ++i) {
+      const FiducialSet set = set_that_may_turn(random, turn_rad);
+      const RigidFit fit = fit_rigid(set);
+      ASSERT_EQ(fit.status, FitStatus::fitted) << turn_rad << " rad, run " << i;
+      Eigen::VectorXd y(12);
+      for (Eigen::Index k = 0; k < 4; ++k) {
+        const FiducialPair& pair = set.pairs[static_cast<std::size_t>(k)];
+        y.segment<3>(3 * k) = pair.p_camera_mm - kTruth * pair.p_ct_mm;
+      }
+      const double of_truth = y.dot(set.joint_covariance_camera_mm2.llt().solve(y));
+      EXPECT_LE(fit.chi_squared, of_truth * (1 + 1e-9)) << "the truth is likelier";
+    }
+}
+
+TEST(RigidFit, SaysWhatItsPointsHaveInCommon) {
+  std::mt19937_64 random{12};
+  const RigidFit fit = fit_rigid(set_with_common_error(random));
+  const Eigen::Matrix3d whole = target_covariance(fit.T_camera_ct, fit.covariance, kTarget),
+                        common = target_covariance(fit.T_camera_ct, fit.common_covariance, kTarget);
+  EXPECT_NEAR(common.trace(), 0.03, 0.002);  // 0.1 mm along each axis
+  EXPECT_GT(Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>{whole - common}.eigenvalues()(0), 0);
+  EXPECT_TRUE(fit_rigid(noisy_set(random, true)).common_covariance.isZero());
 }
 
 TEST(RigidFit, ChiSquaredTellsAMarkerOutOfPlace) {
