@@ -171,7 +171,9 @@ class Setup {
     input.targets_ct_mm = targets(registered(input).registration.T_camera_ct);
     input.fixed_surface = ct_.surface;
     input.moving_surface = mire_;
-    input.is_refined = true;
+    // The surface is asked whether it contradicts the fiducials, no more: fused, it made rendered
+    // ears worse (docs/virtual_or.md).
+    input.is_refined = false;
     registration::CtRegistration result = registered(input);
     registration::Registration& registration = result.registration;
     registration.zoom = settings_.zoom;

@@ -9,6 +9,7 @@
 
 #include "registration/ct_registration.hpp"
 #include "registration/evaluation.hpp"
+#include "registration/rectification.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
@@ -65,6 +66,33 @@ std::optional<Isometry3d> register_by_markers(const StudyBench& bench, const Stu
   return {};
 }
 
+/// As in use; what is refused there for having too little or repeating itself is measured all the
+/// same, both methods alike, and `row` keeps the reason.
+Reconstruction reconstructed(const registration::ZoomCalibration& calibration,
+                             const registration::StereoShot& shot, MatchMethod method, int threads,
+                             StudyRow& row) {
+  using Status = registration::ReconstructionStatus;
+  registration::ReconstructionOptions options;
+  options.method = method;
+  options.threads = threads;
+  const auto run = [&] {
+    registration::Reconstructor reconstructor(calibration, shot.left.size(), options);
+    return reconstructor.reconstruct({&shot, 1});
+  };
+  Reconstruction surface = run();
+  if (surface.status != Status::done)
+    row.refusal = fmt::format("{}: {}", registration::name(surface.status), surface.evidence);
+  if (surface.status == Status::no_surface || surface.status == Status::period_slip) {
+    options.density_min = 0;
+    options.ambiguous_share_max = 1;
+    surface = run();
+  }
+  row.time_ms = std::chrono::duration<double, std::milli>(surface.times.total).count();
+  row.points = static_cast<double>(surface.points);
+  row.density = surface.density;
+  return surface;
+}
+
 /// The points between the fiducials, rectified left frame.
 registration::TriangleMesh cloud_of(const Reconstruction& surface, const Isometry3d& T_ct_rectified,
                                     const FiducialRegion& region) {
@@ -114,23 +142,16 @@ std::vector<StudyRow> measure_pair(
   for (const Method& method : kMethods) {
     StudyRow& row = rows.emplace_back(common);
     row.method = method.name;
-    registration::ReconstructionOptions options;
-    options.method = method.method;
-    options.threads = bench.setup.threads;
-    registration::Reconstructor reconstructor(seated, pair.shot.left.size(), options);
-    const Reconstruction surface = reconstructor.reconstruct({&pair.shot, 1});
-    row.time_ms = std::chrono::duration<double, std::milli>(surface.times.total).count();
-    if (surface.status != registration::ReconstructionStatus::done) {
-      row.refusal = fmt::format("{}: {}", registration::name(surface.status), surface.evidence);
-      continue;
-    }
-    row.points = static_cast<double>(surface.points);
-    row.density = surface.density;
-    judge(registration::on_whole_grid(surface.depth_mm, surface.region_px,
-                                      reconstructor.rectification().size_px, std::nanf("")),
+    const Reconstruction surface = reconstructed(seated, pair.shot, method.method,
+                                                 bench.setup.threads, row);
+    if (surface.status != registration::ReconstructionStatus::done) continue;
+    const registration::Rectification geometry =
+        registration::rectification_of(seated, pair.shot.left.size());
+    judge(registration::on_whole_grid(surface.depth_mm, surface.region_px, geometry.size_px,
+                                      std::nanf("")),
           seated, row);
     if (!T_camera_ct) continue;
-    const Isometry3d T_rectified_ct = as_rotation(reconstructor.rectification().R1) * *T_camera_ct;
+    const Isometry3d T_rectified_ct = as_rotation(geometry.R1) * *T_camera_ct;
     const registration::TriangleMesh cloud =
         cloud_of(surface, T_rectified_ct.inverse(), bench.region);
     const registration::TriangleMesh ct = turned(bench.ct.surface, T_rectified_ct);
@@ -138,7 +159,7 @@ std::vector<StudyRow> measure_pair(
     drawing.points = static_cast<std::size_t>(bench.points);
     drawing.seed = bench.seed;
     if (cloud.vertices_mm.empty()) {
-      row.refusal = "no point of the surface lies between the fiducials";
+      if (row.refusal.empty()) row.refusal = "no point of the surface lies between the fiducials";
       continue;
     }
     fill(registration::evaluate_surface(cloud, ct, drawing), row);

@@ -186,8 +186,12 @@ class Page {
     std::string html = "<h2>Refused</h2>\n";
     if (reasons.empty()) return html + "<p>Nothing was refused.</p>\n";
     html +=
-        "<p>What cannot be trusted is refused, and counts as missing above; it is not replaced by "
-        "a guess.</p>\n<ul>\n";
+        "<p>What cannot be trusted is refused in use. So that neither method gains by refusing, "
+        "whatever such a reconstruction still holds is measured above, counted as refused; where "
+        "a figure is missing (–) there was nothing to measure. Holdfast looks for places that fit "
+        "as well elsewhere along the rows (<i>period slip</i>): a repeating pattern has them, and "
+        "so has a surface without a pattern whose own texture is faint. OpenCV asks no such "
+        "question.</p>\n<ul>\n";
     for (const auto& [reason, count] : reasons)
       html += fmt::format("<li>{} × {}</li>\n", count, escaped(reason));
     return html + "</ul>\n";

@@ -20,7 +20,8 @@ struct StudyRow {
   std::string illumination;  ///< name(Illumination)
   int repeat = 0;
   std::string method;   ///< sgm (ours) or opencv (SGBM)
-  std::string refusal;  ///< why there is no surface, or no registration; empty: all measured
+  /// Why it would be refused in use; empty: it would not. What can be measured is all the same.
+  std::string refusal;
 
   double points = kUnknown, density = kUnknown, time_ms = kUnknown;
   double fre_mm = kUnknown;

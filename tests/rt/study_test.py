@@ -2,17 +2,54 @@
 # SPDX-License-Identifier: Apache-2.0
 """`holdfast study` and `holdfast demo --setup` on the virtual rig, small: one zoom, one repeat.
 
-usage: study_test.py HOLDFAST HOLDFASTD OR_CONFIG_DIR"""
+usage: study_test.py HOLDFAST HOLDFASTD HOLDFAST_SIM OR_CONFIG_DIR
+
+As `study_test.py rig CACHE HOLDFAST_SIM` it is the rig that both use: holdfast-sim's, asked only
+once for what both want (the same request for the same files has the same answer)."""
 import csv
+import hashlib
 import json
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
+import time
 
-HOLDFAST, HOLDFASTD, CONFIG = sys.argv[1:4]
+PAIRS = "8"
 failures = []
+
+
+def rig(cache, sim):
+    real = subprocess.Popen([sim, "rig", "--seed", "1", "--phantom-seed", "1000"],
+                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    for line in sys.stdin:
+        request = json.loads(line)
+        out = request.pop("out", None)
+        key = hashlib.sha256(json.dumps(request, sort_keys=True).encode())
+        if pathlib.Path(request.get("pattern", "")).is_file():
+            pattern = pathlib.Path(request["pattern"]).read_bytes()
+            key = hashlib.sha256(json.dumps(request | {"pattern": ""}).encode() + pattern)
+        kept = pathlib.Path(cache) / key.hexdigest()
+        if out and kept.exists():
+            shutil.copytree(kept, out, dirs_exist_ok=True)
+            print('{"files": 0}', flush=True)
+            continue
+        real.stdin.write(json.dumps(request | ({"out": str(kept)} if out else {})) + "\n")
+        real.stdin.flush()
+        answer = real.stdout.readline()
+        if out and "error" not in json.loads(answer):
+            shutil.copytree(kept, out, dirs_exist_ok=True)
+        print(answer, end="", flush=True)
+    real.stdin.close()
+    real.wait()
+
+
+if sys.argv[1] == "rig":
+    rig(*sys.argv[2:4])
+    sys.exit(0)
+HOLDFAST, HOLDFASTD, SIM, CONFIG = sys.argv[1:5]
 
 
 def check(is_so, what):
@@ -22,7 +59,9 @@ def check(is_so, what):
 
 
 def run(*words, program=HOLDFAST):
+    start = time.monotonic()
     done = subprocess.run([program, *map(str, words)], capture_output=True, text=True)
+    print(f"      {words[0]}: {time.monotonic() - start:.1f} s", flush=True)
     return done.returncode, done.stdout, done.stderr
 
 
@@ -30,8 +69,9 @@ def is_one_line(text):
     return text.count("\n") == 1 and text.endswith("\n")
 
 
-def study(folder):
-    small = ["study", "--out", folder, "--zooms", "1.3", "--repeats", "1", "--pairs", "12"]
+def study(folder, rig_command):
+    small = ["study", "--out", folder, "--zooms", "1.3", "--repeats", "1", "--pairs", PAIRS,
+             "--rig", rig_command]
     code, out, err = run(*small, "--json")
     check(code == 0 and err == "", f"the study ends well and silently ({code}: {err.strip()})")
     result = json.loads(out)
@@ -50,8 +90,8 @@ def study(folder):
     check(number(ours, "truth_median_mm") < 0.15,
           "... and near the truth: " + by[ours]["truth_median_mm"] + " mm median")
     check(number(ours, "coverage") > 0.8, "... over most of the ear: " + by[ours]["coverage"])
-    check(number(ours, "truth_over_1_mm") < number(("or_light", "opencv"), "truth_over_1_mm"),
-          "... with fewer wrong points than OpenCV without a pattern")
+    check(number(ours, "truth_over_1_mm") < number(theirs, "truth_over_1_mm"),
+          "... with fewer wrong points than OpenCV's from the same pair")
     check(number(theirs, "time_ms") > 0, "OpenCV ran in the same study")
     for key, row in by.items():
         is_measured = row["truth_median_mm"] != "" and row["coverage"] != ""
@@ -59,7 +99,7 @@ def study(folder):
               "truth, or a reason")
 
     html = (folder / "report.html").read_text()
-    links = re.findall(r"""(?:src|href)\s*=\s*["']?([^"'\s>]{0,20})""", html)
+    links = re.findall(r"""(?:src|href)\s*=\s*["']?([^"'\s>]{0,30})""", html)
     check(links and all(link.startswith("data:image/png;base64") for link in links),
           f"the page needs no other file ({len(links)} pictures inside)")
     check("<script" not in html and "Not for clinical use" in html and "Limits" in html,
@@ -68,9 +108,11 @@ def study(folder):
     check(not re.search(r"\bnan\b|\binf\b", html), "no figure that is none")
 
     before = (folder / "results.csv").read_bytes(), html
-    code, out, err = run(*small, "--json", "--rig", "/no/such/rig")
-    check(code == 0 and json.loads(out)["resumed_pairs"] == 4,
-          f"gone on with: nothing is rendered again ({err.strip()})")
+    cells = {cell: cell.stat().st_mtime_ns for cell in (folder / "cells").iterdir()}
+    code, out, err = run(*small, "--json")
+    check(code == 0 and json.loads(out)["resumed_pairs"] == 4 and
+          cells == {cell: cell.stat().st_mtime_ns for cell in (folder / "cells").iterdir()},
+          f"gone on with: nothing is made again ({err.strip()})")
     check(before == ((folder / "results.csv").read_bytes(), (folder / "report.html").read_text()),
           "... and comes out the same")
     code, out, err = run(*small, "--points", "4000")
@@ -80,14 +122,15 @@ def study(folder):
     check(code == 3 and is_one_line(err), f"a rig that is not there: {err.strip()}")
 
 
-def setup(folder):
-    code, out, err = run("demo", "--setup", "--out", folder, "--pairs", "12", "--json")
+def setup(folder, rig_command):
+    code, out, err = run("demo", "--setup", "--out", folder, "--pairs", PAIRS, "--rig",
+                         rig_command, "--json")
     check(code == 0 and err == "", f"the set-up registers, silently ({code}: {err.strip()})")
     result = json.loads(out)
     check([stage["name"] for stage in result["stages"]] ==
           ["calibration", "CT", "pattern", "reconstruction", "registration"], "in five stages")
     check(result["refusal"] is None and 0 < result["fre_mm"] < 0.3, f"FRE {result['fre_mm']} mm")
-    check(all(0 < rms < 1 for rms in result["predicted_tre_mm"].values()),
+    check(all(0.02 < rms < 0.5 for rms in result["predicted_tre_mm"].values()),
           f"predicted TRE {result['predicted_tre_mm']} mm")
 
     config = (pathlib.Path(CONFIG) / "holdfastd.toml").read_text()
@@ -97,6 +140,17 @@ def setup(folder):
     daemon = ["--config", folder / "holdfastd.toml", "--check"]
     code, out, err = run(*daemon, program=HOLDFASTD)
     check(code == 0, f"the daemon loads it ({err.strip()})")
+    (folder / "frames").mkdir()
+    for frame in range(3):  # the site as it was: nothing moves
+        shutil.copy(folder / "keyframe.png", folder / f"frames/{frame:02}.png")
+    code, out, err = run("track", "--frames", folder / "frames", "--camera", folder / "camera.yaml",
+                         "--depth", folder / "depth.tiff", "--fps", "30", "--out",
+                         folder / "poses.csv", "--json")
+    poses = list(csv.DictReader(open(folder / "poses.csv"))) if code == 0 else []
+    # The plastic ear's texture is faint: whether it is enough for "tracking" is the tracker's say.
+    check(len(poses) == 3 and all(pose["status"] in ("tracking", "degraded") and
+                                  abs(float(pose["tx_mm"])) < 1e-3 for pose in poses),
+          f"the tracker starts from its keyframe and depth ({err.strip()})")
     with open(folder / "depth.tiff", "r+b") as depth:
         depth.seek(1_000_000)
         depth.write(b"\0\0\x80?")
@@ -131,8 +185,10 @@ def tracking(folder):
     check(code == 1 and is_one_line(err) and "wobble" in err, f"a motion unknown: {err.strip()}")
 
 
-with tempfile.TemporaryDirectory() as folder:
-    study(pathlib.Path(folder) / "study")
-    setup(pathlib.Path(folder) / "setup")
-    tracking(pathlib.Path(folder) / "tracking")
+with tempfile.TemporaryDirectory() as base:
+    here = pathlib.Path(base)
+    command = f"{sys.executable} {pathlib.Path(__file__).resolve()} rig {here / 'cache'} {SIM}"
+    study(here / "study", command)
+    setup(here / "setup", command)
+    tracking(here / "tracking")
 sys.exit(1 if failures else 0)
