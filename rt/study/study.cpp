@@ -138,8 +138,7 @@ class Study {
   }
 
   [[nodiscard]] fs::path pattern_at(std::size_t zoom) const {
-    fs::path file =
-        folder_ / "patterns" / fmt::format("adaptive_{:g}.png", settings_.zooms[zoom]);
+    fs::path file = folder_ / "patterns" / fmt::format("adaptive_{:g}.png", settings_.zooms[zoom]);
     if (!fs::exists(file)) write_png(file, registration::make_pattern(settings_.patterns[zoom]));
     return file;
   }

@@ -142,8 +142,8 @@ std::vector<StudyRow> measure_pair(
   for (const Method& method : kMethods) {
     StudyRow& row = rows.emplace_back(common);
     row.method = method.name;
-    const Reconstruction surface = reconstructed(seated, pair.shot, method.method,
-                                                 bench.setup.threads, row);
+    const Reconstruction surface =
+        reconstructed(seated, pair.shot, method.method, bench.setup.threads, row);
     if (surface.status != registration::ReconstructionStatus::done) continue;
     const registration::Rectification geometry =
         registration::rectification_of(seated, pair.shot.left.size());

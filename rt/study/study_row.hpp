@@ -19,7 +19,7 @@ struct StudyRow {
   double zoom = 0;
   std::string illumination;  ///< name(Illumination)
   int repeat = 0;
-  std::string method;   ///< sgm (ours) or opencv (SGBM)
+  std::string method;  ///< sgm (ours) or opencv (SGBM)
   /// Why it would be refused in use; empty: it would not. What can be measured is all the same.
   std::string refusal;
 
