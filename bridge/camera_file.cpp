@@ -3,6 +3,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <stdexcept>
 
 #include "rt/core/error.hpp"
 
@@ -26,7 +27,13 @@ int integer(const cv::FileStorage& storage, const std::string& path, const char*
 cv::Mat matrix(const cv::FileStorage& storage, const std::string& path, const char* key) {
   const cv::FileNode node = required(storage, path, key);
   cv::Mat values, doubles;
-  if (node.isMap()) node >> values;
+  // Not beyond: OpenCV takes the memory for what a file claims before it looks for the numbers.
+  constexpr int kSideMax = 256;
+  const auto is_small = [&node](const char* side) {
+    const cv::FileNode length = node[side];
+    return length.isInt() && static_cast<int>(length) <= kSideMax;
+  };
+  if (node.isMap() && is_small("rows") && is_small("cols")) node >> values;
   if (values.empty() || values.channels() != 1)
     throw InputError(path + ": " + key + " must be an OpenCV matrix");
   values.convertTo(doubles, CV_64F);
@@ -70,6 +77,8 @@ perception::CameraModel read_camera_file(const std::string& path) {
     camera = parse(storage, path);
   } catch (const cv::Exception& e) {
     throw InputError(path + ": is not an OpenCV FileStorage file: " + e.err);
+  } catch (const std::length_error&) {  // OpenCV's own, of a broken text
+    throw InputError(path + ": is not an OpenCV FileStorage file");
   }
   if (const auto what = perception::invalid_camera(camera)) throw InputError(path + ": " + *what);
   return camera;

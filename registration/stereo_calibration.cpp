@@ -41,7 +41,13 @@ class Reader {
   [[nodiscard]] cv::Mat matrix(const char* key) const {
     const cv::FileNode value = member(key);
     cv::Mat stored, doubles;
-    if (value.isMap()) value >> stored;
+    // Not beyond: OpenCV takes the memory for what a file claims before it looks for the numbers.
+    constexpr int kSideMax = 256;
+    const auto is_small = [&value](const char* side) {
+      const cv::FileNode length = value[side];
+      return length.isInt() && static_cast<int>(length) <= kSideMax;
+    };
+    if (value.isMap() && is_small("rows") && is_small("cols")) value >> stored;
     if (stored.empty() || stored.channels() != 1 || stored.dims != 2)
       fail(fmt::format("{} must be an OpenCV matrix", key));
     stored.convertTo(doubles, CV_64F);
@@ -116,6 +122,8 @@ StereoCalibration read_stereo_calibration(const std::string& path) {
     calibration = parse(storage, path);
   } catch (const cv::Exception& e) {
     throw InputError(path + ": is not an OpenCV FileStorage file: " + e.err);
+  } catch (const std::length_error&) {  // OpenCV's own, of a broken text
+    throw InputError(path + ": is not an OpenCV FileStorage file");
   }
   if (const auto what = invalid_calibration(calibration)) throw InputError(path + ": " + *what);
   return calibration;
