@@ -37,7 +37,8 @@ class TrackingErrorTest : public ::testing::Test {
     for (int i = 0; i <= 20; ++i) {
       const std::chrono::nanoseconds t{i * 33'000'000LL};
       const SitePose pose = truth.at(t);
-      Eigen::Isometry3d T = T_camera_ideal * Eigen::Isometry3d(Eigen::Translation3d(pose.t_mm) * pose.q) *
+      Eigen::Isometry3d T = T_camera_ideal *
+                            Eigen::Isometry3d(Eigen::Translation3d(pose.t_mm) * pose.q) *
                             T_camera_ideal.inverse();
       std::string status = "tracking";
       if (i > 0) wrong(i, T, status);
@@ -105,10 +106,9 @@ TEST_F(TrackingErrorTest, RefusesWhatIsNoTrajectory) {
                InputError);
   std::ofstream(file) << "frame,t_ns,status\n0,0,tracking\n1,1,tracking\n";
   EXPECT_THROW((void)tracking_error(file, truth, T_camera_ideal, kDepthMm), InputError);
-  EXPECT_THROW(judged([](int, Eigen::Isometry3d& T, std::string&) {
-                 T.translation().x() = std::nan("");
-               }),
-               InputError);
+  EXPECT_THROW(
+      judged([](int, Eigen::Isometry3d& T, std::string&) { T.translation().x() = std::nan(""); }),
+      InputError);
 }
 
 }  // namespace
