@@ -72,13 +72,22 @@ concept Described = requires {
 
 template <typename W>
 constexpr const char* primitive_name() {
-  if constexpr (std::is_same_v<W, bool>) return "bool";
-  if constexpr (std::is_same_v<W, std::uint8_t>) return "uint8";
-  if constexpr (std::is_same_v<W, std::int32_t>) return "int32";
-  if constexpr (std::is_same_v<W, std::uint32_t>) return "uint32";
-  if constexpr (std::is_same_v<W, std::int64_t>) return "int64";
-  if constexpr (std::is_same_v<W, std::uint64_t>) return "uint64";
-  if constexpr (std::is_same_v<W, double>) return "float64";
+  if constexpr (std::is_same_v<W, bool>)
+    return "bool";
+  else if constexpr (std::is_same_v<W, std::uint8_t>)
+    return "uint8";
+  else if constexpr (std::is_same_v<W, std::int32_t>)
+    return "int32";
+  else if constexpr (std::is_same_v<W, std::uint32_t>)
+    return "uint32";
+  else if constexpr (std::is_same_v<W, std::int64_t>)
+    return "int64";
+  else if constexpr (std::is_same_v<W, std::uint64_t>)
+    return "uint64";
+  else {
+    static_assert(std::is_same_v<W, double>);
+    return "float64";
+  }
 }
 
 /// The schema of T: its definition, then those of the messages within it.

@@ -89,7 +89,7 @@ RigCommand virtual_rig(const std::vector<std::string>& arguments) {
   return command;
 }
 
-Rig::Rig(RigCommand command) : name_("--rig " + command.at(0)) {
+Rig::Rig(const RigCommand& command) : name_("--rig " + command.at(0)) {
   // A socket for the requests: a rig that has ended must not end us by SIGPIPE. What it complains
   // of goes into memory: a refusal is one line of ours.
   std::array<int, 2> asked{-1, -1}, answered{-1, -1};

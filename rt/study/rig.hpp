@@ -85,7 +85,7 @@ struct TrackingQuestion {
 class Rig {
  public:
   /// Starts the command. Throws UnavailableError when it cannot be.
-  explicit Rig(RigCommand command);
+  explicit Rig(const RigCommand& command);
   /// Ends the program: it ends with its input, and is killed when it does not within a second.
   ~Rig();
   Rig(const Rig&) = delete;
