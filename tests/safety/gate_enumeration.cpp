@@ -182,7 +182,7 @@ class Explorer {
     State first;
     add(first);
     while (!open_.empty() && result_.violation.empty()) {
-      const State state = std::move(open_.front());
+      const State state = open_.front();
       open_.pop_front();
       for (const Step& step : steps_) {
         if (state.has_gone_back && step.ticks < 0) continue;  // once in a stop
