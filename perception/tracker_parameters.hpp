@@ -68,7 +68,7 @@ struct HealthParameters {
   double rotation_max_rad = 0.7;    ///< any axis
   double drift_good_um = 100;       ///< above: degraded, and the keyframe is searched anew
   int chain_length_max = 300;       ///< frames after which a chain that agrees is anchored again
-  double change_share_max = 0.25;  ///< of the blocks of an image that is said not to have moved ...
+  double change_share_max = 0.6;  ///< of the blocks of an image that is said not to have moved ...
   double change_spread_max =
       0.7;  ///< ... and of its cells: from both on, something fixed is followed
 };

@@ -84,10 +84,13 @@ TEST_P(FixedPattern, TheSiteIsFollowedBelowItOrLost) {
   int followed = 0;
   follow(TrackerParameters{}, [&](const MotionEstimate& e, double error_um) {
     if (e.status == TrackingStatus::lost) return;
-    EXPECT_LT(error_um, 5) << name(e.status) << ' ' << name(e.reason);
+    // What covers all is noticed once the rest has moved by more than its grain.
+    EXPECT_LT(error_um, GetParam().has_room ? 5 : CheckParameters{}.limit_um)
+        << name(e.status) << ' ' << name(e.reason);
     ++followed;
   });
-  EXPECT_EQ(followed, GetParam().has_room ? 15 : 0);
+  EXPECT_GE(followed, GetParam().has_room ? 15 : 0);
+  EXPECT_LE(followed, GetParam().has_room ? 15 : 2);
 }
 
 INSTANTIATE_TEST_SUITE_P(Dots, FixedPattern,
