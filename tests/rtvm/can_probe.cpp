@@ -95,9 +95,9 @@ class Probe {
       const nanoseconds t_silent = rt::monotonic_now();
       print("fell_silent_ms", wait_for(Fault::node_missing, t_silent));
     }
+    optics_thread();
     full_queue();
     overflow();
-    optics_thread();
     if (host_ == node_) injected_errors();
     std::printf("}\n");
   }
