@@ -17,11 +17,12 @@ inline std::string upper(std::string_view prefix, std::string_view name) {
                  [](unsigned char c) { return static_cast<char>(std::toupper(c)); });
   return text;
 }
-/// The codes below `end` that have a name.
+/// The codes that have a name.
 template <typename E>
-std::vector<std::pair<std::string, unsigned>> names(std::string_view prefix, unsigned end) {
+std::vector<std::pair<std::string, unsigned>> names(std::string_view prefix) {
+  constexpr unsigned kCodes = 64;  // as many as a ReasonSet holds; every enumeration is smaller
   std::vector<std::pair<std::string, unsigned>> list;
-  for (unsigned code = 0; code < end; ++code) {
+  for (unsigned code = 0; code < kCodes; ++code) {
     const std::string_view text = name(static_cast<E>(code));
     if (text != "unknown") list.emplace_back(upper(prefix, text), code);
   }
@@ -31,19 +32,19 @@ std::vector<std::pair<std::string, unsigned>> names(std::string_view prefix, uns
 
 template <>
 struct EnumNames<safety::Mode> {
-  static auto list() { return detail::names<safety::Mode>("MODE_", 6); }
+  static auto list() { return detail::names<safety::Mode>("MODE_"); }
 };
 template <>
 struct EnumNames<safety::Reason> {
-  static auto list() { return detail::names<safety::Reason>("REASON_", 64); }
+  static auto list() { return detail::names<safety::Reason>("REASON_"); }
 };
 template <>
 struct EnumNames<perception::TrackingStatus> {
-  static auto list() { return detail::names<perception::TrackingStatus>("STATUS_", 4); }
+  static auto list() { return detail::names<perception::TrackingStatus>("STATUS_"); }
 };
 template <>
 struct EnumNames<perception::TrackingReason> {
-  static auto list() { return detail::names<perception::TrackingReason>("TRACKING_", 15); }
+  static auto list() { return detail::names<perception::TrackingReason>("TRACKING_"); }
 };
 template <>
 struct EnumNames<safety::Command> {
