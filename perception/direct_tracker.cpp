@@ -5,12 +5,9 @@
 #include <cmath>
 #include <optional>
 
-#include "perception/direct_alignment.hpp"
-#include "perception/feature_review.hpp"
-#include "perception/frame_chain.hpp"
+#include "perception/direct_keyframe.hpp"
 #include "perception/image_shift.hpp"
 #include "perception/stage_timer.hpp"
-#include "perception/stillness_check.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "perception/tracker_rules.hpp"
 
@@ -18,47 +15,13 @@ namespace holdfast::perception {
 namespace {
 
 constexpr int kCoarsest = kPyramidLevels - 1;
-constexpr int kPatchesMin = 40;  // of a keyframe
-
-/// Of a mask of the full size (0: not kept): a pixel of half size is kept when all of its four are.
-cv::Mat kept_of_half(const cv::Mat& mask, cv::Size half) {
-  cv::Mat kept(half, CV_8UC1);
-  for (int y = 0; y < half.height; ++y) {
-    const uchar *top = mask.ptr(2 * y), *bottom = mask.ptr(2 * y + 1);
-    uchar* out = kept.ptr(y);
-    for (int x = 0; x < half.width; ++x) {
-      const bool is_kept =
-          top[2 * x] != 0 && top[2 * x + 1] != 0 && bottom[2 * x] != 0 && bottom[2 * x + 1] != 0;
-      out[x] = is_kept ? 255 : 0;
-    }
-  }
-  return kept;
-}
-
 }  // namespace
 
 struct DirectTracker::Impl {
   CameraModel camera;
   TrackerParameters parameters;
 
-  /// What was given.
-  struct Given {
-    cv::Mat image;
-    Site site;
-    cv::Mat mask;
-  };
-  /// What was made of one keyframe.
-  struct Keyframe {
-    Given given;
-    Site site;
-    StillnessCheck stillness;
-    DirectTemplate patches;
-    TemplateLevel witnesses;
-    DirectAligner aligner;
-    FrameChain chain;
-    FeatureReview features;
-  };
-  std::optional<Keyframe> key;
+  std::optional<DirectKeyframe> key;
 
   int frames_since_learning = 0;  // what is fixed to the camera
 
@@ -82,7 +45,8 @@ struct DirectTracker::Impl {
   void compare_features(const cv::Mat& image, MotionEstimate& out);
   void object(MotionEstimate& out) const;
   void estimate(const cv::Mat& image, MotionEstimate& out);
-  [[nodiscard]] TrackingReason take_keyframe(const Given& given, const cv::Mat& moving_half);
+  [[nodiscard]] TrackingReason take_keyframe(const GivenKeyframe& given,
+                                             const cv::Mat& moving_half);
   [[nodiscard]] bool is_contradicted(const MotionEstimate& out) const;
   bool learn_fixed(const cv::Mat& image, MotionEstimate& out);
   void forget_motion();
@@ -109,7 +73,7 @@ Eigen::Isometry3d DirectTracker::Impl::predicted() {
 std::optional<Eigen::Isometry3d> DirectTracker::Impl::recalled() {
   const auto moved_px = shift.find(pyramid.levels[kCoarsest]);
   if (!moved_px) return std::nullopt;
-  const double z_mm = (*T_newest * key->site.p_pivot_mm()).z();
+  const double z_mm = (*T_newest * key->given.site.p_pivot_mm()).z();
   return Eigen::Translation3d(moved_px->x / camera.fx_px * z_mm, moved_px->y / camera.fy_px * z_mm,
                               0) *
          *T_newest;
@@ -120,7 +84,7 @@ TrackingReason DirectTracker::Impl::unsound(const Alignment& a) const {
   const DirectParameters& p = parameters.direct;
   if (!a.is_solved || a.quality.inliers < p.inliers_min) return TrackingReason::too_few_inliers;
   const Eigen::Isometry3d& T = a.T_camera_site;
-  const double scale = key->site.p_centre_mm().z() / (T * key->site.p_centre_mm()).z();
+  const double scale = key->given.site.p_centre_mm().z() / (T * key->given.site.p_centre_mm()).z();
   if (!(std::abs(scale - 1) <= parameters.health.scale_change_max &&
         Eigen::AngleAxisd(T.linear()).angle() <= parameters.health.rotation_max_rad))
     return TrackingReason::implausible_motion;
@@ -131,7 +95,7 @@ TrackingReason DirectTracker::Impl::unsound(const Alignment& a) const {
 }
 
 void DirectTracker::Impl::fill(const Alignment& a, MotionEstimate& out) const {
-  set_pose(a.T_camera_site, a.covariance, key->site, out);
+  set_pose(a.T_camera_site, a.covariance, key->given.site, out);
   out.features = static_cast<int>(key->patches[0].size());
   out.matches = a.quality.visible;
   out.inliers = a.quality.inliers;
@@ -201,7 +165,7 @@ bool DirectTracker::Impl::relocalise(const cv::Mat& image, MotionEstimate& out) 
   if (!found.fit) return false;
   const Eigen::Isometry3d& T_found = found.fit->pose.T_camera_site;
   if (!accept(key->aligner.align(key->patches, pyramid, T_found, 1), out)) return false;
-  if (displacement_um(T_found, out.T_camera_site, key->site.p_pivot_mm()) >
+  if (displacement_um(T_found, out.T_camera_site, key->given.site.p_pivot_mm()) >
       parameters.check.limit_um) {
     out.reason = TrackingReason::check_disagreement;
     return false;
@@ -222,13 +186,14 @@ void DirectTracker::Impl::compare_chain(MotionEstimate& out) {
     if (!T_chained) T_chained = chain.follow(pyramid, chain.T_last());
   }
   if (T_chained) {
-    const Eigen::Vector3d before = chain.T_last() * key->site.p_pivot_mm();
-    const Eigen::Vector2d flow = project(*T_chained * key->site.p_pivot_mm()) - project(before);
+    const Eigen::Vector3d before = chain.T_last() * key->given.site.p_pivot_mm();
+    const Eigen::Vector2d flow =
+        project(*T_chained * key->given.site.p_pivot_mm()) - project(before);
     out.has_frame_to_frame = true;
     out.frame_to_frame_dx_um = 1000 * before.z() * flow.x();
     out.frame_to_frame_dy_um = 1000 * before.z() * flow.y();
     out.has_drift = true;
-    out.drift_um = displacement_um(out.T_camera_site, *T_chained, key->site.p_pivot_mm());
+    out.drift_um = displacement_um(out.T_camera_site, *T_chained, key->given.site.p_pivot_mm());
   }
   const bool agrees = T_chained && out.drift_um <= parameters.health.drift_good_um / 2;
   const bool goes_on = agrees && chain.length() < parameters.health.chain_length_max;
@@ -275,7 +240,7 @@ bool DirectTracker::Impl::is_contradicted(const MotionEstimate& out) const {
 bool DirectTracker::Impl::learn_fixed(const cv::Mat& image, MotionEstimate& out) {
   constexpr int kPause = 10;  // frames; what moved little is told apart better later
   if (frames_since_learning++ % kPause != 0) return false;
-  const Given given = key->given;
+  const GivenKeyframe given = key->given;
   const Eigen::Isometry3d T_fixed = out.T_camera_site;
   if (take_keyframe(given, key->stillness.moving_half(pyramid)) != TrackingReason::none)
     return false;
@@ -322,34 +287,11 @@ void DirectTracker::Impl::estimate(const cv::Mat& image, MotionEstimate& out) {
 }
 
 /// The former keyframe stays when this one cannot serve.
-TrackingReason DirectTracker::Impl::take_keyframe(const Given& given, const cv::Mat& moving_half) {
-  const auto& [image, site, mask] = given;
-  const Freedom freedom = site.is_plane() ? Freedom::planar : Freedom::rigid;
-  FeatureReview features(camera, parameters);
-  if (const auto reason = features.set_keyframe(image, site, mask, moving_half);
-      reason != TrackingReason::none)
-    return reason;
-  GreyAndMask grey_and_mask;
-  make_grey_and_mask(image, parameters.mask, grey_and_mask);
-  cv::Mat keep_half = grey_and_mask.keep_half;
-  if (!mask.empty()) keep_half &= kept_of_half(mask, keep_half.size());
-  if (!moving_half.empty()) keep_half &= moving_half;
-  Pyramid levels;
-  make_pyramid(image, levels);
-  Keyframe made{given,
-                site,
-                StillnessCheck(camera, site, parameters.health, levels),
-                make_template(levels, keep_half, camera, site, parameters.direct),
-                make_witnesses(levels, keep_half, camera, site, parameters.direct),
-                DirectAligner(camera, parameters, freedom, site.p_pivot_mm()),
-                FrameChain(camera, parameters, freedom, site.p_pivot_mm()),
-                std::move(features)};
-  std::size_t most = 0;
-  for (const TemplateLevel& level : made.patches) most = std::max(most, level.size());
-  if (made.patches[0].size() < static_cast<std::size_t>(kPatchesMin))
-    return TrackingReason::too_few_features;
-  made.aligner.reserve(most);
-  key.emplace(std::move(made));
+TrackingReason DirectTracker::Impl::take_keyframe(const GivenKeyframe& given,
+                                                  const cv::Mat& moving_half) {
+  DirectKeyframeResult made = make_direct_keyframe(given, moving_half, camera, parameters);
+  if (!made.keyframe) return made.reason;
+  key.emplace(std::move(*made.keyframe));
   forget_motion();
   return TrackingReason::none;
 }
@@ -369,7 +311,7 @@ TrackingReason DirectTracker::set_keyframe(const cv::Mat& image, const SiteGeome
       reason != TrackingReason::none)
     return reason;
 
-  const Impl::Given given{image.clone(), Site(s.camera, geometry), mask.clone()};
+  const GivenKeyframe given{image.clone(), Site(s.camera, geometry), mask.clone()};
   if (const auto reason = s.take_keyframe(given, {}); reason != TrackingReason::none) return reason;
   s.t_newest.reset();
   s.frames_since_learning = 0;

@@ -16,6 +16,7 @@
 
 #include "bridge/recorder/segment_folder.hpp"
 #include "rt/core/error.hpp"
+#include "rt/recording_fields.hpp"
 #include "rt/replay.hpp"
 #include "tests/rt/recorded_day.hpp"
 
@@ -216,6 +217,13 @@ TEST_F(RecorderTest, TouchesNoFileButItsOwn) {
   }
   EXPECT_TRUE(fs::exists(folder_ / "notes.mcap"));
   EXPECT_TRUE(fs::exists(folder_ / "holdfast-notes.txt"));
+}
+
+TEST(RecordingSchema, NamesTheLastCodeOfEachEnumeration) {
+  const std::string schema = bridge::ros2::schema_text<perception::MotionEstimate>();
+  for (const char* code : {"TRACKING_NONE", "TRACKING_FIXED_PATTERN", "STATUS_LOST"})
+    EXPECT_NE(schema.find(code), std::string::npos) << code;
+  EXPECT_EQ(schema.find("UNKNOWN"), std::string::npos);
 }
 
 }  // namespace
