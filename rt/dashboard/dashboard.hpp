@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: Apache-2.0
+// holdfast-dashboard's configuration and its loop: reads every topic as an observer, serves the
+// page and what it asks for. Writes nothing, on DDS or elsewhere.
+#pragma once
+
+#include <filesystem>
+#include <string>
+
+#include "bridge/http/http_server.hpp"
+#include "bridge/security_config.hpp"
+#include "rt/dashboard/observed_state.hpp"
+#include "rt/dashboard/surface_files.hpp"
+
+namespace holdfast::dashboard {
+
+struct DashboardConfig {
+  int domain = 0;
+  bridge::SecurityConfig security;
+  ObserverParameters observer;
+  bridge::HttpParameters http;
+  SurfaceFiles surfaces;
+  std::filesystem::path page;  ///< folder of the page's files; empty: those beside the program
+};
+
+/// Annotated example: config/dashboard.toml. Throws InputError naming file, line, column, key,
+/// value.
+[[nodiscard]] DashboardConfig load_dashboard_config(const std::filesystem::path& file);
+
+/// Until SIGINT or SIGTERM. Throws InputError on a surface or an HTTP setting that cannot be used,
+/// UnavailableError when DDS, the port or the page's files are not there.
+void run_dashboard(const DashboardConfig& config);
+
+}  // namespace holdfast::dashboard

@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: Apache-2.0
+// The page: asks, and shows. What may be shown as permitted is decided by the program that answers.
+import { ask, Cover } from "./freshness.js";
+import { show_devices, show_reasons, show_registration, show_stops, show_tracking } from "./figures.js";
+import { Plots } from "./plots.js";
+
+const kPeriodMs = 33; // 30 a second
+const kLimitMs = 300; // from a question to the end of what its answer may show
+const kLevels = ["no_data", "stop", "hold", "not_ready", "permitted"];
+
+const by_id = (id) => document.getElementById(id);
+const permission = by_id("permission");
+const cover = new Cover(by_id("expired"), kLimitMs);
+const plots = new Plots();
+
+function set_text(element, text) {
+  if (element.textContent !== text) element.textContent = text; // a screen reader speaks changes only
+}
+
+function show_permission({ level, word, text, reason, is_of_guard }) {
+  const is_known = kLevels.includes(level) && typeof word === "string" && typeof text === "string";
+  permission.className = is_known ? level : "no_data";
+  set_text(by_id("word"), is_known ? word : "STOP: NO DATA");
+  const whose = is_of_guard ? "Guard: " : "";
+  const sentence = level === "permitted" ? text : `${whose}${text} (${reason})`;
+  set_text(by_id("reason"), is_known ? sentence : "The answer cannot be read");
+  document.title = `${by_id("word").textContent} – Holdfast`;
+}
+
+ask("/state", kPeriodMs, kLimitMs, (state, asked_ms) => {
+  if (!cover.renew(asked_ms)) return; // too old to be shown
+  show_permission(state.shown ?? {});
+  document.body.dataset.answers = Number(document.body.dataset.answers ?? 0) + 1;
+  document.querySelector("main").classList.remove("is_old");
+  show_tracking(state.tracking);
+  show_devices(state);
+  show_registration(state.registration);
+  show_reasons(state);
+  plots.add(state.tracking);
+});
+ask("/history", 1000, 3000, (history) => {
+  show_stops(history.stops);
+  plots.show_latency(history);
+});
+
+// The tab's title and what a screen reader hears follow the cover.
+cover.animation.addEventListener("finish", () => {
+  show_permission({ level: "no_data", word: "STOP: NO DATA", reason: "dashboard_silent",
+    text: "The page hears nothing from the dashboard" });
+  document.querySelector("main").classList.add("is_old");
+  show_tracking(null);
+  plots.add(null);
+});
+
+const surfaces = await (await fetch("/surfaces")).json();
+if (surfaces.length > 0) (await import("./surfaces.js")).show_surfaces(surfaces);
