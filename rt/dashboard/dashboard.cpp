@@ -35,6 +35,7 @@ struct PageFile {
 };
 constexpr PageFile kPageFiles[] = {
     {"/", "index.html", "text/html; charset=utf-8"},
+    {"/icon.svg", "icon.svg", "image/svg+xml"},
     {"/style.css", "style.css", "text/css; charset=utf-8"},
     {"/uplot.css", "uplot.css", "text/css; charset=utf-8"},
     {"/main.js", "main.js", "text/javascript; charset=utf-8"},

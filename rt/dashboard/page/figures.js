@@ -62,6 +62,8 @@ function draw_vector(t) {
   g.beginPath(); g.arc(x, y, 5, 0, 2 * Math.PI); g.fill();
 }
 
+const count = (n) => (typeof n === "number" ? String(n) : "–");
+
 function faults_row(term, faults, good) {
   if (!faults) return [term, "no data", "unknown"];
   const wrong = faults.filter((f) => f.severity !== "advisory");
@@ -71,9 +73,7 @@ function faults_row(term, faults, good) {
 
 export function show_devices({ camera, microscope, robot, guard, loop, daemon, messages_refused }) {
   const rows = [faults_row("Camera", camera?.faults, "no fault reported")];
-  rows.push(["Frames", typeof camera?.received === "number"
-    ? `${camera.received} received, ${camera.incomplete} incomplete, ${camera.missing} missing, ${camera.skipped} skipped`
-    : "–"]);
+  rows.push(["Frames, not whole", `${count(camera?.received)}, ${count(camera?.incomplete)}; missing ${count(camera?.missing)}`]);
   rows.push(["Camera clock ±1σ", figure(camera?.clock_sigma_us, 0, "µs")]);
   rows.push(faults_row("Microscope (CAN)", microscope?.faults, "no fault reported"));
   rows.push(robot ? ["Robot", robot.has_fault ? `fault ${robot.fault_code}` : robot.is_enabled ? "enabled" : "not enabled",
@@ -81,8 +81,8 @@ export function show_devices({ camera, microscope, robot, guard, loop, daemon, m
   rows.push(guard ? ["Guard", guard.is_permitted ? "permits" : guard.text, guard.is_permitted ? "good" : "bad"]
     : ["Guard", "no data", "unknown"]);
   rows.push(daemon ? ["Daemon", `${daemon.mode}, ${(daemon.for_ms / 1000).toFixed(1)} s`] : ["Daemon", "no data", "unknown"]);
-  rows.push(["Loop", loop ? `${loop.missed} of ${loop.cycles} cycles missed, step ≤ ${loop.step_max_us} µs` : "–"]);
-  rows.push(["Refused here", `${messages_refused} messages`]);
+  rows.push(["Loop", loop ? `${loop.missed} cycles missed, step ≤ ${loop.step_max_us} µs` : "–"]);
+  rows.push(["Refused or late", `${count(messages_refused)} messages`]);
   show_list(by_id("devices"), rows);
 }
 

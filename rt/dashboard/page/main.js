@@ -5,7 +5,7 @@ import { show_devices, show_reasons, show_registration, show_stops, show_trackin
 import { Plots } from "./plots.js";
 
 const kPeriodMs = 33; // 30 a second
-const kLimitMs = 300; // from a question to the end of what its answer may show
+const kLimitMs = 500; // from a question to the end of what its answer may show
 const kLevels = ["no_data", "stop", "hold", "not_ready", "permitted"];
 
 const by_id = (id) => document.getElementById(id);
@@ -27,29 +27,30 @@ function show_permission({ level, word, text, reason, is_of_guard }) {
   document.title = `${by_id("word").textContent} – Holdfast`;
 }
 
-ask("/state", kPeriodMs, kLimitMs, (state, asked_ms) => {
-  if (!cover.renew(asked_ms)) return; // too old to be shown
-  show_permission(state.shown ?? {});
-  document.body.dataset.answers = Number(document.body.dataset.answers ?? 0) + 1;
-  document.querySelector("main").classList.remove("is_old");
+function show_figures(state) {
   show_tracking(state.tracking);
   show_devices(state);
   show_registration(state.registration);
   show_reasons(state);
   plots.add(state.tracking);
+}
+
+ask("/state", kPeriodMs, kLimitMs, (state, asked_ms) => {
+  if (!cover.renew(asked_ms)) return; // too old to be shown
+  show_permission(state.shown ?? {});
+  document.body.dataset.answers = Number(document.body.dataset.answers ?? 0) + 1;
+  show_figures(state);
 });
 ask("/history", 1000, 3000, (history) => {
   show_stops(history.stops);
   plots.show_latency(history);
 });
 
-// The tab's title and what a screen reader hears follow the cover.
+// Figures that are no longer known go too; so do the tab's title and what a screen reader hears.
 cover.animation.addEventListener("finish", () => {
   show_permission({ level: "no_data", word: "STOP: NO DATA", reason: "dashboard_silent",
     text: "The page hears nothing from the dashboard" });
-  document.querySelector("main").classList.add("is_old");
-  show_tracking(null);
-  plots.add(null);
+  show_figures({});
 });
 
 const surfaces = await (await fetch("/surfaces")).json();

@@ -62,7 +62,7 @@ export class Plots {
   show_latency({ exposure_to_pose: pose, tracker }) {
     const edges = pose.bins.map((_, i) => i);
     this.latency.plot.setData([edges, pose.bins, tracker.bins]);
-    const text = (name, h) => h.count > 0 ? `${name} p50 ≤ ${h.p50_ms}, p99 ≤ ${h.p99_ms.toFixed(0)}, max ${h.max_ms.toFixed(1)} ms` : `${name} –`;
-    document.getElementById("latency").textContent = `${text("pose", pose)}; ${text("tracker", tracker)}`;
+    const text = (name, h) => (h.count > 0 ? `${name} ${h.p50_ms} / ${h.p99_ms.toFixed(0)}` : `${name} –`);
+    document.getElementById("latency").textContent = `ms, p50 / p99: ${text("pose", pose)}, ${text("tracker", tracker)}`;
   }
 }

@@ -57,7 +57,7 @@ const look = () => page.evaluate(() => {
 /// Sections whose content does not fit and that do not scroll either, and the page's own overflow.
 const overflow = () => page.evaluate(() => {
   const root = document.documentElement;
-  const cut = [...document.querySelectorAll("main > section, header > *, main dd")].filter((e) =>
+  const cut = [...document.querySelectorAll("main > section, header > :not(h1), main dd")].filter((e) =>
     e.scrollHeight > e.clientHeight + 1 || e.scrollWidth > e.clientWidth + 1);
   return {
     right: root.scrollWidth - root.clientWidth,
