@@ -133,7 +133,7 @@ class ShotWindow {
     add_moments(view(window_), shot_.left.cols, moments, simd_);
   }
   /// After advance(y): the scores of the fit there, and nothing more of that row.
-  void score(int y, const float* fitted_px, std::int32_t* scores) {
+  void score(int y, const float* fitted_px, const Scores& scores) {
     add_scores(residuals(y), view(window_), offset_px_[y], fitted_px, shot_.left.cols, scores,
                simd_);
   }
@@ -174,11 +174,12 @@ float gradient_noise(const cv::Mat1b& image) {
 
 /// What a fit leaves for the variance.
 struct Leftover {
-  cv::Mat1i scores, moved;  // moved: the squared correction, in 1/256² px²
+  cv::Mat1i score, energy, moved;  // moved: the squared correction, in 1/256² px²
   cv::Mat1f per_score, of_start_px2;
 
   explicit Leftover(cv::Size size)
-      : scores(size), moved(size), per_score(size), of_start_px2(size) {}
+      : score(size), energy(size), moved(size), per_score(size), of_start_px2(size) {}
+  Scores scores(int y) { return {score[y], energy[y]}; }
   Sensitivity sensitivity(int y) { return {per_score[y], of_start_px2[y]}; }
 };
 
@@ -205,9 +206,10 @@ void fit(std::span<const ShotPair> shots, const cv::Mat1f& start_px,
       std::copy_n(start_px[y], width, offset_px[y]);
       solve_row(view(moments), width, limits, offset_px[y], leftover.sensitivity(y), simd);
       moved_row(start_px[y], offset_px[y], width, leftover.moved[y], simd);
-      std::fill_n(leftover.scores[y], width, 0);
+      std::fill_n(leftover.score[y], width, 0);
+      std::fill_n(leftover.energy[y], width, 0);
       for (ShotWindow& window : windows) {
-        window.score(y, offset_px[y], leftover.scores[y]);
+        window.score(y, offset_px[y], leftover.scores(y));
         window.leave(y);
       }
     }
@@ -224,10 +226,10 @@ class VarianceOfScores {
         radius_(std::min(2 * parameters.radius_px, kRadiusMax)),
         freedom_(freedom_of(parameters)),
         simd_(simd),
-        width_(leftover.scores.cols),
+        width_(leftover.score.cols),
         rows_(width_),
         scratch_(static_cast<std::size_t>(3 * (width_ + 64))),
-        ring_(static_cast<std::size_t>(2 * radius_ + 1), Rows<std::int32_t, 3>(width_)) {}
+        ring_(static_cast<std::size_t>(2 * radius_ + 1), Rows<std::int32_t, 4>(width_)) {}
 
   void band(int start, int end, cv::Mat1f& variance_px2) {
     rows_.clear();
@@ -239,8 +241,9 @@ class VarianceOfScores {
       window_sum(squares(), width_, radius_, scratch_.data(), blocks(), simd_);
       window_sum(count(), width_, radius_, scratch_.data(), window_count(), simd_);
       window_sum(moved(), width_, radius_, scratch_.data(), window_moved(), simd_);
-      variance_row({blocks(), window_moved(), window_count()}, leftover_.sensitivity(y), freedom_,
-                   width_, variance_px2[y], simd_);
+      window_sum(energy(), width_, radius_, scratch_.data(), window_energy(), simd_);
+      variance_row({blocks(), window_energy(), window_moved(), window_count()},
+                   leftover_.sensitivity(y), freedom_, width_, variance_px2[y], simd_);
       accumulate(y - radius_, -1);
     }
   }
@@ -261,11 +264,13 @@ class VarianceOfScores {
   std::int32_t* window_count() { return rows_.row[4].data(); }
   std::int32_t* moved() { return rows_.row[5].data(); }
   std::int32_t* window_moved() { return rows_.row[6].data(); }
-  [[nodiscard]] bool is_inside(int y) const { return y >= 0 && y < leftover_.scores.rows; }
+  std::int32_t* energy() { return rows_.row[7].data(); }
+  std::int32_t* window_energy() { return rows_.row[8].data(); }
+  [[nodiscard]] bool is_inside(int y) const { return y >= 0 && y < leftover_.score.rows; }
 
   void add_block_row(int y, int sign) {
     if (!is_inside(y)) return;
-    const std::int32_t* const from = leftover_.scores[y];
+    const std::int32_t* const from = leftover_.score[y];
     for (int x = 0; x < width_; ++x) column()[x] += sign * from[x];
   }
   /// Row y of blocks, which needs the scores up to y + kBlockRadiusPx.
@@ -275,11 +280,12 @@ class VarianceOfScores {
       auto& row = ring_[static_cast<std::size_t>(y) % ring_.size()].row;
       window_sum(column(), width_, kBlockRadiusPx, scratch_.data(), blocks(), simd_);
       square_row(blocks(), width_, row[0].data(), simd_);
-      const std::int32_t* const from = leftover_.moved[y];
+      const std::int32_t *const from = leftover_.moved[y], *const energies = leftover_.energy[y];
       for (int x = 0; x < width_; ++x) {
         const auto at = static_cast<std::size_t>(x);
         row[1][at] = from[x] >= 0 ? 1 : 0;
         row[2][at] = std::max(from[x], 0);
+        row[3][at] = energies[x];
       }
       accumulate(y, 1);
     }
@@ -289,12 +295,14 @@ class VarianceOfScores {
     if (!is_inside(y)) return;
     const auto& row = ring_[static_cast<std::size_t>(y) % ring_.size()].row;
     const std::int32_t *const square = row[0].data(), *const n = row[1].data();
-    const std::int32_t* const step = row[2].data();
+    const std::int32_t *const step = row[2].data(), *const energy_here = row[3].data();
     std::int32_t *const sum = squares(), *const all = count(), *const steps = moved();
+    std::int32_t* const energies = energy();
     for (int x = 0; x < width_; ++x) {
       sum[x] += sign * square[x];
       all[x] += sign * n[x];
       steps[x] += sign * step[x];
+      energies[x] += sign * energy_here[x];
     }
   }
 
@@ -303,9 +311,9 @@ class VarianceOfScores {
   float freedom_;
   Simd simd_;
   int width_;
-  Rows<std::int32_t, 7> rows_;
+  Rows<std::int32_t, 9> rows_;
   std::vector<std::int32_t> scratch_;
-  std::vector<Rows<std::int32_t, 3>> ring_;
+  std::vector<Rows<std::int32_t, 4>> ring_;
 };
 
 }  // namespace

@@ -189,13 +189,13 @@ HOLDFAST_INLINE void solve(const Moments& moments, int width, const Limits& limi
     const bool is_good = offset_px[x] >= 0 && moments.n[x] >= limits.n_min &&
                          correction <= limits.step_max_px && correction >= -limits.step_max_px;
     offset_px[x] = is_good ? offset_px[x] + correction : kNan;
-    out.per_score[x] = is_good ? n / (information * information) : kNan;
+    out.per_score[x] = is_good ? gg / (information * information) : kNan;
     out.of_start_px2[x] = missed * missed / limits.prior_weight;
   }
 }
 
 HOLDFAST_INLINE void scores_row(const Residuals& row, const Sums& window, const float* start_px,
-                                const float* fitted_px, int width, std::int32_t* scores) {
+                                const float* fitted_px, int width, const Scores& scores) {
 #pragma GCC ivdep
   for (int x = 0; x < width; ++x) {
     const float share = 1 / static_cast<float>(window.n[x] > 1 ? window.n[x] : 1);
@@ -204,7 +204,8 @@ HOLDFAST_INLINE void scores_row(const Residuals& row, const Sums& window, const 
     const float correction = fitted_px[x] - start_px[x];
     const float score = g * (r - correction * g);
     const bool is_used = row.is_used[x] != 0 && correction == correction;
-    scores[x] += static_cast<std::int32_t>(is_used ? score : 0.F);
+    scores.score[x] += static_cast<std::int32_t>(is_used ? score : 0.F);
+    scores.energy[x] += static_cast<std::int32_t>(is_used ? g * g : 0.F);
   }
 }
 
@@ -235,7 +236,8 @@ HOLDFAST_INLINE void variances(const Scatter& scatter, const Sensitivity& sensit
   for (int x = 0; x < width; ++x) {
     const float share = 1 / static_cast<float>(scatter.count[x] > 1 ? scatter.count[x] : 1);
     // At least what rounding to 1/8 grey level leaves.
-    const float of_score = unit * static_cast<float>(scatter.squares[x] + 1) * share;
+    const float of_score = unit * static_cast<float>(scatter.squares[x] + 1) /
+                           static_cast<float>(scatter.energy[x] > 1 ? scatter.energy[x] : 1);
     // A window's start is corrected as a whole: how corrections differ from place to place is how
     // wrong its shape was, and stays in the result.
     const float of_shape = static_cast<float>(scatter.moved[x]) * share * (1.F / 65536);
@@ -308,7 +310,7 @@ HOLDFAST_BOTH(solve_row, solve,
               (moments, width, limits, offset_px, out))
 HOLDFAST_BOTH(add_scores, scores_row,
               (const Residuals& row, const Sums& window, const float* start_px,
-               const float* fitted_px, int width, std::int32_t* scores),
+               const float* fitted_px, int width, const Scores& scores),
               (row, window, start_px, fitted_px, width, scores))
 HOLDFAST_BOTH(square_row, squares, (const std::int32_t* blocks, int width, std::int32_t* out),
               (blocks, width, out))
@@ -346,7 +348,7 @@ void solve_row(const Moments& moments, int width, const Limits& limits, float* o
 }
 
 void add_scores(const Residuals& row, const Sums& window, const float* start_px,
-                const float* fitted_px, int width, std::int32_t* scores, Simd simd) {
+                const float* fitted_px, int width, const Scores& scores, Simd simd) {
   (simd == Simd::avx2 ? add_scores_avx2 : add_scores_scalar)(row, window, start_px, fitted_px,
                                                              width, scores);
 }

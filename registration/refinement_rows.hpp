@@ -42,8 +42,14 @@ struct Limits {
 /// How the window's fit turns an error of its scores (gradient times what the fit leaves) into one
 /// of the offset, and what the prior may have kept from being corrected.
 struct Sensitivity {
-  float* per_score;     ///< pixels / information²: times the scores' variance a pixel, px²
+  float* per_score;  ///< gradient² / information²: times the scores' variance a gradient², px²
   float* of_start_px2;  ///< variance that is left of the start's
+};
+
+/// What a fit's scores are judged by, added up over the shots.
+struct Scores {
+  std::int32_t* score;   ///< gradient times what the fit leaves, centred in the window
+  std::int32_t* energy;  ///< centred gradient²
 };
 
 constexpr int kBlockRadiusPx = 2;  ///< scores are summed over blocks of 5x5: longer than residuals
@@ -73,10 +79,10 @@ void add_moments(const Sums& sums, int width, const Moments& moments, Simd simd)
 /// offset_px += correction; NaN where the fit fails.
 void solve_row(const Moments& moments, int width, const Limits& limits, float* offset_px,
                const Sensitivity& out, Simd simd);
-/// scores += gradient·(residual - correction·gradient) of a row, centred in each pixel's window
-/// (`window`: its sums); nothing where `fitted_px` is NaN.
+/// Adds gradient·(residual - correction·gradient) of a row, centred in each pixel's window
+/// (`window`: its sums), and gradient²; nothing where `fitted_px` is NaN.
 void add_scores(const Residuals& row, const Sums& window, const float* start_px,
-                const float* fitted_px, int width, std::int32_t* scores, Simd simd);
+                const float* fitted_px, int width, const Scores& scores, Simd simd);
 /// The squares of a row of block sums, in units of kSquareUnit.
 void square_row(const std::int32_t* blocks, int width, std::int32_t* out, Simd simd);
 constexpr float kSquareUnit = 256;
@@ -84,11 +90,14 @@ constexpr float kSquareUnit = 256;
 void moved_row(const float* start_px, const float* fitted_px, int width, std::int32_t* out,
                Simd simd);
 
-/// Sums over a window around each pixel: of square_row, of moved_row, and of how many pixels.
+/// Sums over a window around each pixel: of square_row, of gradient², of moved_row, and of how many
+/// pixels.
 struct Scatter {
-  const std::int32_t *squares, *moved, *count;
+  const std::int32_t *squares, *energy, *moved, *count;
 };
 /// The variance of the offsets. `freedom`: the share of the scores' variance that a fit leaves.
+/// Scores scatter as their gradients do: measured around a fit's own window too, where dots may lie
+/// that it has none of, they count by gradient² and not by pixel.
 void variance_row(const Scatter& scatter, const Sensitivity& sensitivity, float freedom, int width,
                   float* variance_px2, Simd simd);
 

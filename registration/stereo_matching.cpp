@@ -68,7 +68,8 @@ sgm::LevelResult match_pyramid(std::span<const Level> levels, DisparityRange ran
   for (int k = parameters.coarsest_level; k >= parameters.finest_level; --k) {
     const Level& level = levels[static_cast<std::size_t>(k)];
     const double limit = parameters.census_threshold_sigma * noise / (1 << k);
-    const auto threshold = static_cast<std::uint8_t>(std::clamp(std::lround(limit), 0L, 32L));
+    const auto threshold = static_cast<std::uint8_t>(
+        std::clamp<long>(std::lround(limit), parameters.census_threshold_min, 32));
     cv::Mat1i left, right;
     census(level.left, threshold, pool, left, simd);
     census(level.right, threshold, pool, right, simd);
@@ -83,12 +84,31 @@ sgm::LevelResult match_pyramid(std::span<const Level> levels, DisparityRange ran
   return result;
 }
 
+/// Candidates beside a depth edge.
+void drop_edges(int step_max_16ths, cv::Mat1s& candidate_16ths) {
+  const cv::Mat1s from = candidate_16ths.clone();
+  const auto is_step = [step_max_16ths](int own, int other) {
+    return other != sgm::kNone && std::abs(own - other) > step_max_16ths;
+  };
+  for (int y = 0; y < from.rows; ++y)
+    for (int x = 0; x < from.cols; ++x) {
+      const int own = from(y, x);
+      if (own == sgm::kNone) continue;
+      for (int j = std::max(y - 1, 0); j <= std::min(y + 1, from.rows - 1); ++j)
+        for (int i = std::max(x - 1, 0); i <= std::min(x + 1, from.cols - 1); ++i)
+          if (is_step(own, from(j, i))) candidate_16ths(y, x) = sgm::kNone;
+    }
+}
+
 void drop_uncertain(const MatchParameters& parameters, sgm::LevelResult& result) {
   for (int y = 0; y < result.cost.rows; ++y)
     for (int x = 0; x < result.cost.cols; ++x)
       if (result.margin(y, x) < parameters.margin_min) result.candidate_16ths(y, x) = sgm::kNone;
   const int smallest = parameters.speckle_min_px >> (2 * parameters.finest_level);
   cv::filterSpeckles(result.candidate_16ths, sgm::kNone, smallest, kSpeckleStepIn16ths);
+  constexpr double kNoEdge = 1000;  // candidates; no range is as large
+  if (parameters.edge_step_max < kNoEdge)
+    drop_edges(static_cast<int>(16 * parameters.edge_step_max), result.candidate_16ths);
 }
 
 /// Of a level's pixels, the columns whose full-resolution pixels are all covered.
@@ -126,15 +146,48 @@ cv::Mat1i offsets_of(const sgm::LevelResult& result, int level, const RectifiedP
   return offsets;
 }
 
-/// What is known on the finest matched level, as rows of the full grid: between a level's pixels
-/// linearly, but never across an edge.
+constexpr float kEdgePx = 1;  // of a level: neighbours further apart lie on two surfaces
+
+float mixed(float own, float other, float share) {
+  const float step = other - own;
+  return step < kEdgePx && step > -kEdgePx ? own + share * step : own;
+}
+
+/// Of a level, on the next finer one: between its pixels linearly, but never across an edge.
+void doubled(const cv::Mat1f& offset_px, WorkerPool& pool, cv::Mat1i& fine_256ths) {
+  const int width = offset_px.cols, height = offset_px.rows;
+  fine_256ths.create(2 * height, 2 * width);
+  pool.run(tasks_of(height), [&](int task) {
+    std::vector<float> between(static_cast<std::size_t>(width) + 2, kNan);
+    float* const middle = between.data() + 1;
+    const int end = std::min((task + 1) * kRowsPerTask, height);
+    for (int y = 2 * task * kRowsPerTask; y < 2 * end; ++y) {
+      const float* const own = offset_px[y / 2];
+      const float* const beside =
+          offset_px[std::clamp(y / 2 + (y % 2 == 0 ? -1 : 1), 0, height - 1)];
+      for (int x = 0; x < width; ++x) middle[x] = mixed(own[x], beside[x], 0.25F);
+      std::int32_t* const to = fine_256ths[y];
+      const auto quantised = [](float value) {
+        const float scaled = 512 * value + 0.5F;
+        return scaled >= 0 ? static_cast<std::int32_t>(scaled) : kNoOffset;  // NaN is not
+      };
+      for (int x = 0; x < width; ++x) {
+        to[2 * x] = quantised(mixed(middle[x], middle[x - 1], 0.25F));
+        to[2 * x + 1] = quantised(mixed(middle[x], middle[x + 1], 0.25F));
+      }
+    }
+  });
+}
+
+/// What is known on the finest refined level, as rows of the full grid, in the same way.
 class Upsampler {
  public:
   Upsampler(const sgm::LevelResult& result, const RefinedOffsets& refined, int largest_px,
             const MatchParameters& parameters)
       : result_(result),
         refined_(refined),
-        level_(parameters.finest_level),
+        level_(parameters.refined_level),
+        above_(parameters.finest_level - parameters.refined_level),
         largest_(static_cast<float>(largest_px)),
         variance_max_(static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px) /
                       static_cast<float>(1 << (2 * level_))),
@@ -154,12 +207,6 @@ class Upsampler {
   }
 
  private:
-  static constexpr float kEdgePx = 1;  // of the level
-
-  static float mixed(float own, float other, float share) {
-    const float step = other - own;
-    return step < kEdgePx && step > -kEdgePx ? own + share * step : own;
-  }
   void between(const float* own, const float* variance, const float* other, float share) {
     const int width = refined_.offset_px.cols;
     for (int x = 0; x < width; ++x) {
@@ -174,7 +221,7 @@ class Upsampler {
     const float* const own = column_.data() + 1;
     const float* const other = own + (across < 0 ? -1 : 1);
     const float* const variance = refined_.variance_px2[y >> level_];
-    const uchar* const margin = result_.margin[y >> level_];
+    const uchar* const margin = result_.margin[y >> (level_ + above_)];
     float* const disparity = map.disparity_px[y] + i;
     float* const variances = map.variance_px2[y] + i;
     float* const confidence = map.confidence[y] + i;
@@ -183,17 +230,35 @@ class Upsampler {
       const bool is_known = offset == offset;
       disparity[size * x] = largest_ - scale * offset;
       variances[size * x] = is_known ? scale * scale * variance[x] : kNan;
-      const float clear = static_cast<float>(margin[x]) / kClearMargin;
+      const float clear = static_cast<float>(margin[x >> above_]) / kClearMargin;
       confidence[size * x] = is_known ? std::min(clear, 1.F) : 0.F;
     }
   }
 
   const sgm::LevelResult& result_;
   const RefinedOffsets& refined_;
-  int level_;
+  int level_, above_;  // refined, and how many levels the matched one lies above it
   float largest_, variance_max_;
   std::vector<float> column_;  // one more at either end
 };
+
+/// From the matched candidates down to refined_level; `shots` become those of that level.
+RefinedOffsets refine_pyramid(std::span<const Level> levels, cv::Mat1i offsets,
+                              const MatchParameters& parameters, WorkerPool& pool, Simd simd,
+                              std::vector<ShotPair>& shots) {
+  RefinedOffsets refined;
+  for (int k = parameters.finest_level; k >= parameters.refined_level; --k) {
+    const Level& level = levels[static_cast<std::size_t>(k)];
+    shots.clear();
+    for (std::size_t i = 0; i < level.left.size(); ++i)
+      shots.push_back({level.left[i], level.right[i]});
+    if (k < parameters.finest_level) doubled(refined.offset_px, pool, offsets);
+    const bool is_last = k == parameters.refined_level;
+    refine_offsets(shots, offsets, is_last ? parameters.refinement : parameters.coarse_refinement,
+                   pool, refined, simd);
+  }
+  return refined;
+}
 
 DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange range,
                        const MatchParameters& parameters, WorkerPool& pool, Simd simd) {
@@ -203,14 +268,12 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
   sgm::LevelResult result = match_pyramid(levels, range, parameters, pool, simd);
   drop_uncertain(parameters, result);
   const auto matched = Clock::now();
-  const Level& finest = levels[static_cast<std::size_t>(parameters.finest_level)];
   std::vector<ShotPair> shots;
-  for (std::size_t i = 0; i < pairs.size(); ++i) shots.push_back({finest.left[i], finest.right[i]});
-  const cv::Mat1i offsets = offsets_of(result, parameters.finest_level, pairs[0], pool);
-  RefinedOffsets refined;
-  refine_offsets(shots, offsets, parameters.refinement, pool, refined, simd);
+  RefinedOffsets refined =
+      refine_pyramid(levels, offsets_of(result, parameters.finest_level, pairs[0], pool),
+                     parameters, pool, simd, shots);
   const Repetition repetition =
-      pattern_repetition(shots, refined.offset_px, range.count >> parameters.finest_level,
+      pattern_repetition(shots, refined.offset_px, range.count >> parameters.refined_level,
                          parameters.repetition, pool);
   map.ambiguous_share = repetition.ambiguous_share;
   for (const WindowFit& fit : repetition.windows)
@@ -271,14 +334,20 @@ MatchParameters match_parameters_for(cv::Size image_px) {
   MatchParameters parameters;
   const int pixels = image_px.area();
   parameters.coarsest_level = pixels < kSmallPx ? 0 : pixels < kLargePx ? 1 : 2;
-  parameters.finest_level = pixels < kLargePx ? 0 : 1;
+  parameters.finest_level = pixels < kLargePx ? 0 : 2;
+  parameters.refined_level = pixels < kLargePx ? 0 : 1;
   if (parameters.finest_level == 0) {
     parameters.refinement.radius_px = 4;
     parameters.margin_min = 3;
     parameters.sigma_max_px = 3;
   } else {
     parameters.refinement = {8, 2, 1.25F, 0.35F, 1.F, 0.15F};
-    parameters.margin_min = 4;
+    parameters.coarse_refinement = parameters.refinement;
+    parameters.coarse_refinement.radius_px = 4;
+    parameters.census_threshold_min = 2;
+    parameters.edge_step_max = 1.5;
+    parameters.margin_min = 2;
+    parameters.speckle_min_px = 800;
     parameters.sigma_max_px = 2.5;
   }
   return parameters;

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Dense disparity of a rectified pair, with a variance per pixel. Census and semi-global matching
 // on a pyramid (every candidate on the coarsest level, windows around its result on the finer
-// ones), then least squares on the intensities of the finest level matched, and linear
-// interpolation from there. OpenCV's SGBM, as paper A uses it,
+// ones), then least squares on the intensities, from the finest level matched to the finest one
+// refined, and linear interpolation from there. OpenCV's SGBM, as paper A uses it,
 // is the selectable baseline. Pixels that cannot be known are NaN, never filled.
 #pragma once
 
@@ -33,17 +33,24 @@ struct MatchParameters {
   MatchMethod method = MatchMethod::sgm;
   int coarsest_level = 2;  ///< halvings where every candidate is tried; 0 … 3
   int finest_level = 1;    ///< halvings of the last level that is matched; 0 … coarsest_level
+  int refined_level = 1;   ///< halvings of the last level that is refined; 0 … finest_level
   sgm::Penalties penalties;
   double census_threshold_sigma = 2;  ///< in standard deviations of the noise
+  int census_threshold_min = 0;       ///< grey levels, on every level: what the views differ by
   int margin_min = 8;                 ///< to the second-best candidate, of 255; less: unknown
+  /// A neighbour further away than this many candidates of finest_level: a depth edge, where the
+  /// window that was matched shows both surfaces; unknown.
+  double edge_step_max = 1e9;
   int speckle_min_px = 400;   ///< smaller connected pieces (full-resolution pixels) are unknown
   double sigma_max_px = 0.8;  ///< predicted error; more: unknown
   RepetitionParameters repetition;
-  RefinementParameters refinement;  ///< its pixels are those of finest_level
+  RefinementParameters refinement;         ///< its pixels are those of refined_level
+  RefinementParameters coarse_refinement;  ///< of the levels before that, likewise in their pixels
 };
 
-/// The parameters for images of this size. Large microscope images resolve no single pixel: they
-/// are matched at half resolution; small ones at their own.
+/// The parameters for images of this size. Large microscope images resolve no single pixel, and
+/// between projected dots there is nothing to be matched in a small window: they are matched at a
+/// quarter of the resolution and refined at half of it; small ones at their own.
 [[nodiscard]] MatchParameters match_parameters_for(cv::Size image_px);
 
 /// What the range becomes: count rounded up to whole blocks of the coarsest level, at most 8.

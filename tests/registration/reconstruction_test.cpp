@@ -99,6 +99,27 @@ TEST(Reconstruction, StatedVarianceIsThatOfTheErrorInScenesOfManyKinds) {
   }
 }
 
+TEST(Reconstruction, KnowsTheSurfaceBetweenDotsInTheDark) {
+  // As the pattern's filter leaves it: gaps of 60 px with nothing in them but the sensor's noise.
+  StereoRig rig;
+  rig.image_px = {560, 400};
+  rig.focal_px = 4000;
+  rig.relief_mm = 1.5;
+  rig.dot_pitch_mm = 1.6;
+  rig.dot_radius_mm = 0.4;
+  rig.ambient_grey = 2;
+  rig.texture_grey = 0;
+  ReconstructionOptions options;
+  options.match = match_parameters_for({2456, 2054});
+  options.depth_reach_mm = 12;
+  const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()}, options);
+  ASSERT_EQ(result.status, Status::done) << result.evidence;
+  const Errors error = errors_of(rig, rectification_of(rig.calibration(), rig.image_px), result);
+  EXPECT_GT(result.density, 0.93);  // one side is not in both views
+  EXPECT_LT(error.share_above_1mm, 0.01);
+  EXPECT_LT(error.squared_ratio, 2.5);
+}
+
 TEST(Reconstruction, PointsDepthAndDisparityAreOneSurface) {
   const StereoRig rig;
   const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()});
