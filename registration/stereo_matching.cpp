@@ -341,14 +341,14 @@ MatchParameters match_parameters_for(cv::Size image_px) {
     parameters.margin_min = 3;
     parameters.sigma_max_px = 3;
   } else {
-    parameters.refinement = {8, 2, 1.25F, 0.35F, 1.F, 0.15F};
-    parameters.coarse_refinement = parameters.refinement;
-    parameters.coarse_refinement.radius_px = 4;
+    parameters.refinement = {6, 1, 1.25F, 0.35F, 1.F, 0.15F};
+    parameters.coarse_refinement = {4, 3, 1.25F, 0.35F, 1.F, 0.15F};
+    parameters.penalties = {5, 20};
     parameters.census_threshold_min = 2;
     parameters.edge_step_max = 1.5;
     parameters.margin_min = 2;
     parameters.speckle_min_px = 800;
-    parameters.sigma_max_px = 2.5;
+    parameters.sigma_max_px = 4;
   }
   return parameters;
 }

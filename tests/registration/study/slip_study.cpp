@@ -19,7 +19,7 @@ namespace {
 StereoRig random_rig(std::uint32_t seed, bool is_lattice) {
   cv::RNG random(seed);
   StereoRig rig;
-  rig.image_px = {640, 512};
+  rig.image_px = {400, 320};
   rig.focal_px = 4000;
   rig.is_lattice = is_lattice;
   rig.seed = seed;

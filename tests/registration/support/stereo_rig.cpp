@@ -57,7 +57,9 @@ cv::Vec3d StereoRig::meet(const cv::Vec3d& origin_mm, const cv::Vec3d& direction
   double t = (distance_mm - origin_mm[2]) / direction[2];
   for (int i = 0; i < 12; ++i) {
     const cv::Vec3d p = origin_mm + t * direction;
-    t += (height_mm(p[0], p[1]) - p[2]) / direction[2];
+    const double step = (height_mm(p[0], p[1]) - p[2]) / direction[2];
+    t += step;
+    if (std::abs(step) < 1e-10) break;
   }
   return origin_mm + t * direction;
 }
