@@ -11,6 +11,7 @@
 #include <opencv2/calib3d.hpp>
 
 #include "registration/census.hpp"
+#include "registration/disparity_upsampling.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -21,7 +22,6 @@ using Images = std::vector<cv::Mat1b>;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 constexpr int kRowsPerTask = 32;
-constexpr float kClearMargin = 64;       // of 255: confidence 1
 constexpr int kSpeckleStepIn16ths = 16;  // neighbours of one piece differ by at most a candidate
 
 int tasks_of(int rows) {
@@ -146,102 +146,6 @@ cv::Mat1i offsets_of(const sgm::LevelResult& result, int level, const RectifiedP
   return offsets;
 }
 
-constexpr float kEdgePx = 1;  // of a level: neighbours further apart lie on two surfaces
-
-float mixed(float own, float other, float share) {
-  const float step = other - own;
-  return step < kEdgePx && step > -kEdgePx ? own + share * step : own;
-}
-
-/// Of a level, on the next finer one: between its pixels linearly, but never across an edge.
-void doubled(const cv::Mat1f& offset_px, WorkerPool& pool, cv::Mat1i& fine_256ths) {
-  const int width = offset_px.cols, height = offset_px.rows;
-  fine_256ths.create(2 * height, 2 * width);
-  pool.run(tasks_of(height), [&](int task) {
-    std::vector<float> between(static_cast<std::size_t>(width) + 2, kNan);
-    float* const middle = between.data() + 1;
-    const int end = std::min((task + 1) * kRowsPerTask, height);
-    for (int y = 2 * task * kRowsPerTask; y < 2 * end; ++y) {
-      const float* const own = offset_px[y / 2];
-      const float* const beside =
-          offset_px[std::clamp(y / 2 + (y % 2 == 0 ? -1 : 1), 0, height - 1)];
-      for (int x = 0; x < width; ++x) middle[x] = mixed(own[x], beside[x], 0.25F);
-      std::int32_t* const to = fine_256ths[y];
-      const auto quantised = [](float value) {
-        const float scaled = 512 * value + 0.5F;
-        return scaled >= 0 ? static_cast<std::int32_t>(scaled) : kNoOffset;  // NaN is not
-      };
-      for (int x = 0; x < width; ++x) {
-        to[2 * x] = quantised(mixed(middle[x], middle[x - 1], 0.25F));
-        to[2 * x + 1] = quantised(mixed(middle[x], middle[x + 1], 0.25F));
-      }
-    }
-  });
-}
-
-/// What is known on the finest refined level, as rows of the full grid, in the same way.
-class Upsampler {
- public:
-  Upsampler(const sgm::LevelResult& result, const RefinedOffsets& refined, int largest_px,
-            const MatchParameters& parameters)
-      : result_(result),
-        refined_(refined),
-        level_(parameters.refined_level),
-        above_(parameters.finest_level - parameters.refined_level),
-        largest_(static_cast<float>(largest_px)),
-        variance_max_(static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px) /
-                      static_cast<float>(1 << (2 * level_))),
-        column_(static_cast<std::size_t>(refined.offset_px.cols) + 2) {}
-
-  void row(int y, DisparityMap& map) {
-    const int size = 1 << level_, at = y >> level_, rows = refined_.offset_px.rows;
-    // Where this row lies between those of the level: share of the further one.
-    const float place = (static_cast<float>(y % size) + 0.5F) / static_cast<float>(size) - 0.5F;
-    const int beside = std::clamp(at + (place < 0 ? -1 : 1), 0, rows - 1);
-    between(refined_.offset_px[at], refined_.variance_px2[at], refined_.offset_px[beside],
-            place < 0 ? -place : place);
-    for (int i = 0; i < size; ++i) {
-      const float across = (static_cast<float>(i) + 0.5F) / static_cast<float>(size) - 0.5F;
-      phase(across, i, y, map);
-    }
-  }
-
- private:
-  void between(const float* own, const float* variance, const float* other, float share) {
-    const int width = refined_.offset_px.cols;
-    for (int x = 0; x < width; ++x) {
-      const float value = mixed(own[x], other[x], share);
-      column_[static_cast<std::size_t>(x) + 1] = variance[x] <= variance_max_ ? value : kNan;
-    }
-    column_.front() = column_.back() = kNan;
-  }
-  void phase(float across, int i, int y, DisparityMap& map) const {
-    const int width = refined_.offset_px.cols, size = 1 << level_;
-    const float scale = static_cast<float>(size), share = std::abs(across);
-    const float* const own = column_.data() + 1;
-    const float* const other = own + (across < 0 ? -1 : 1);
-    const float* const variance = refined_.variance_px2[y >> level_];
-    const uchar* const margin = result_.margin[y >> (level_ + above_)];
-    float* const disparity = map.disparity_px[y] + i;
-    float* const variances = map.variance_px2[y] + i;
-    float* const confidence = map.confidence[y] + i;
-    for (int x = 0; x < width; ++x) {
-      const float offset = mixed(own[x], other[x], share);
-      const bool is_known = offset == offset;
-      disparity[size * x] = largest_ - scale * offset;
-      variances[size * x] = is_known ? scale * scale * variance[x] : kNan;
-      const float clear = static_cast<float>(margin[x >> above_]) / kClearMargin;
-      confidence[size * x] = is_known ? std::min(clear, 1.F) : 0.F;
-    }
-  }
-
-  const sgm::LevelResult& result_;
-  const RefinedOffsets& refined_;
-  int level_, above_;  // refined, and how many levels the matched one lies above it
-  float largest_, variance_max_;
-  std::vector<float> column_;  // one more at either end
-};
-
 /// From the matched candidates down to refined_level; `shots` become those of that level.
 RefinedOffsets refine_pyramid(std::span<const Level> levels, cv::Mat1i offsets,
                               const MatchParameters& parameters, WorkerPool& pool, Simd simd,
@@ -282,11 +186,13 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
   map.disparity_px.create(size);
   map.variance_px2.create(size);
   map.confidence.create(size);
-  pool.run(tasks_of(size.height), [&](int task) {
-    Upsampler upsampler(result, refined, range.minimum_px + range.count - 1, parameters);
-    const int end = std::min((task + 1) * kRowsPerTask, size.height);
-    for (int y = task * kRowsPerTask; y < end; ++y) upsampler.row(y, map);
-  });
+  UpsamplingParameters upsampling;
+  upsampling.level = parameters.refined_level;
+  upsampling.largest_px = static_cast<float>(range.minimum_px + range.count - 1);
+  upsampling.variance_max = static_cast<float>(parameters.sigma_max_px * parameters.sigma_max_px) /
+                            static_cast<float>(1 << (2 * parameters.refined_level));
+  upsample({refined, result.margin, parameters.finest_level - parameters.refined_level}, upsampling,
+           pool, {map.disparity_px, map.variance_px2, map.confidence}, simd);
   map.match_time = matched - start;
   map.refine_time = Clock::now() - matched;
   return map;
