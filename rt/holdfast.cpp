@@ -12,6 +12,7 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
   holdfast::rt::add_calibrate(app);
+  holdfast::rt::add_console(app);
   holdfast::rt::add_demo(app);
   holdfast::rt::add_doctor(app);
   holdfast::rt::add_evaluate(app);

@@ -8,6 +8,7 @@
 namespace holdfast::rt {
 
 void add_calibrate(CLI::App& app);
+void add_console(CLI::App& app);
 void add_demo(CLI::App& app);
 void add_doctor(CLI::App& app);
 void add_evaluate(CLI::App& app);

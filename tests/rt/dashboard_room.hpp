@@ -168,6 +168,20 @@ class Connection {
     return ::send(socket_, bytes.data(), bytes.size(), MSG_NOSIGNAL) ==
            static_cast<ssize_t>(bytes.size());
   }
+  /// One answer on a connection that stays open; false when none comes.
+  [[nodiscard]] bool receive_one() const {
+    std::string all;
+    char buffer[4096];
+    for (;;) {
+      const ssize_t n = recv(socket_, buffer, sizeof buffer, 0);
+      if (n <= 0) return false;
+      all.append(buffer, static_cast<std::size_t>(n));
+      const auto head = all.find("\r\n\r\n"), length = all.find("Content-Length: ");
+      if (head == std::string::npos) continue;
+      if (length > head) return false;
+      if (all.size() >= head + 4 + std::stoul(all.substr(length + 16))) return true;
+    }
+  }
   /// Until the other side closes.
   [[nodiscard]] std::string receive() const {
     std::string all;

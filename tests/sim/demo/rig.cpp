@@ -92,10 +92,11 @@ Rig::Rig(const RigParameters& parameters)
   robot_.emplace(sim,
                  identified("robot", {"robot", "--domain", domain, "--log", robot_file().string()}),
                  folder_ / "robot.log");
-  operator_.emplace(
-      sim,
-      identified("operator", {"operator", "--domain", domain, "--auto", "--reaction-ms", "100"}),
-      folder_ / "operator.log");
+  if (parameters.has_operator)
+    operator_.emplace(
+        sim,
+        identified("operator", {"operator", "--domain", domain, "--auto", "--reaction-ms", "100"}),
+        folder_ / "operator.log");
   start_daemon();
   start_guard(parameters);
 }

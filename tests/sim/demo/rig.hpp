@@ -28,7 +28,8 @@ struct RigParameters {
   std::string camera_address = "127.0.0.1";
   std::string motion = "still";  ///< `holdfast-sim camera --motion`
   std::uint64_t seed = 1;
-  bool is_secured = false;  ///< keys are made in the folder, and everybody uses them
+  bool has_operator = true;  ///< false: the test gives the operator's commands
+  bool is_secured = false;   ///< keys are made in the folder, and everybody uses them
 };
 
 class Rig {
