@@ -212,9 +212,8 @@ void add_scene_options(CLI::App& command, Options& options) {
 void add_camera_command(CLI::App& program) {
   const auto options = std::make_shared<Options>();
   CLI::App& command = *program.add_subcommand(
-      "camera",
-      "A GigE Vision camera over a moving site with known truth.\n"
-      "Example: holdfast-sim camera --motion still:2,linear:0.2,bump --truth truth.csv");
+      "camera", "A GigE Vision camera over a moving site with known truth.");
+  command.footer("Example: holdfast-sim camera --motion still:2,linear:0.2,bump --truth truth.csv");
   add_device_options(command, *options);
   add_scene_options(command, *options);
   command.add_option("--truth", options->truth, "CSV of T_camera_site once a millisecond");

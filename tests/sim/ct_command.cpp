@@ -101,10 +101,9 @@ void run(Options options) {
 
 void add_ct_command(CLI::App& program) {
   const auto options = std::make_shared<Options>();
-  CLI::App& command = *program.add_subcommand(
-      "ct",
-      "A CT scan of a phantom as a folder of DICOM files.\n"
-      "Example: holdfast-sim ct --phantom ear --seed 3 --out ct --truth truth.json");
+  CLI::App& command =
+      *program.add_subcommand("ct", "A CT scan of a phantom as a folder of DICOM files.");
+  command.footer("Example: holdfast-sim ct --phantom ear --seed 3 --out ct --truth truth.json");
   command.add_option("--phantom", options->phantom, "ear, or the cavity at a level of realism")
       ->check(CLI::IsMember({"ear", "cavity", "covered", "bloody"}))
       ->capture_default_str();

@@ -3,31 +3,17 @@
 
 #include <cmath>
 #include <numbers>
-#include <random>
 
 #include <fmt/format.h>
 
 #include "rt/core/error.hpp"
+#include "tests/sim/or/seeded_random.hpp"
 
 namespace holdfast::sim {
 namespace {
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-class Random {
- public:
-  Random(std::uint32_t seed, std::uint32_t stream) {
-    std::seed_seq sequence{seed, stream};
-    engine_.seed(sequence);
-  }
-  double between(double low, double high) {
-    return low + (high - low) * (static_cast<double>(engine_()) + 0.5) / 4294967296.0;
-  }
-
- private:
-  std::mt19937 engine_;
-};
 
 cv::Mat_<float> chessboard(const Board& board) {
   constexpr double kTexelMm = 0.02;
@@ -65,7 +51,7 @@ bool is_in_view(const Board& board, const StereoOptics& optics,
 }  // namespace
 
 double Board::height_mm(double x, double y) const {
-  Random random{seed, 0xb0a2dU};
+  SeededRandom random{seed, 0xb0a2dU};
   const double width = (corners_x - 1) * square_mm, height = (corners_y - 1) * square_mm;
   const double u = 2 * x / width - 1, v = 2 * y / height - 1;
   const double a = random.between(-1, 1), b = random.between(-1, 1), c = random.between(-1, 1);
@@ -113,7 +99,7 @@ LitSurface Board::surface() const {
 
 std::vector<Eigen::Isometry3d> board_poses(const Board& board, const StereoOptics& optics,
                                            const BoardPoses& poses) {
-  Random random{poses.seed, static_cast<std::uint32_t>(std::lround(1000 * optics.zoom))};
+  SeededRandom random{poses.seed, static_cast<std::uint32_t>(std::lround(1000 * optics.zoom))};
   const double half_width = 0.5 * kSensorWidthPx / optics.left.focal_px() * optics.focus_mm;
   const double half_height = 0.5 * kSensorHeightPx / optics.left.focal_px() * optics.focus_mm;
   const Vector3d centre(0.5 * (board.corners_x - 1) * board.square_mm,

@@ -79,7 +79,8 @@ Isometry3d draw_pose(PhantomRandom& random) {
 }
 
 // One holder in each corner, all of different height and inclination.
-std::vector<MarkerHolder> draw_holders(PhantomRandom& random, const Isometry3d& T_ct_ear) {
+std::vector<MarkerHolder> draw_holders(PhantomRandom& random, PhantomRandom& sides,
+                                       const Isometry3d& T_ct_ear) {
   std::array<double, 4> heights{8.0, 11.5, 15.0, 18.5};
   std::array<double, 4> inclinations{5.0, 9.0, 13.0, 17.0};
   for (std::size_t i = 3; i > 0; --i) {
@@ -100,7 +101,7 @@ std::vector<MarkerHolder> draw_holders(PhantomRandom& random, const Isometry3d& 
     T_ear_marker.rotate(Eigen::AngleAxisd(radians(random.uniform(-25, 25)), Vector3d::UnitZ()));
     MarkerHolder holder;
     holder.marker.aruco_id = i;
-    holder.marker.side_mm = kMarkerSideMm;
+    holder.marker.side_mm = kMarkerSideMm + sides.normal(kMarkerSideSigmaMm);
     holder.marker.T_ct_marker = T_ct_ear * T_ear_marker;
     const Vector3d made_off{random.normal(0.01), random.normal(0.01), random.normal(0.02)};
     holder.marker.p_bead_ct_mm =
@@ -113,9 +114,10 @@ std::vector<MarkerHolder> draw_holders(PhantomRandom& random, const Isometry3d& 
 
 std::shared_ptr<const EarScene> draw_scene(std::uint32_t seed) {
   PhantomRandom random(0x5ce7e000ULL + seed);
+  PhantomRandom sides(0x51de5000ULL + seed);
   const Isometry3d T_ct_ear = draw_pose(random);
   return std::make_shared<const EarScene>(EarScene{EarShape(seed), T_ct_ear, T_ct_ear.inverse(),
-                                                   draw_holders(random, T_ct_ear),
+                                                   draw_holders(random, sides, T_ct_ear),
                                                    static_cast<float>(random.uniform(110, 190))});
 }
 

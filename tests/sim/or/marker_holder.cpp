@@ -54,7 +54,10 @@ LitSurface marker_surface(const MarkerHolder& holder) {
   constexpr double kHalf = kHolderSideMm / 2;
   add_face(surface, holder.marker.T_ct_marker, Vector3d::Zero(), kHalf * Vector3d::UnitX(),
            kHalf * Vector3d::UnitY());
-  surface.uv = {{0.F, 1.F}, {1.F, 1.F}, {0.F, 0.F}, {1.F, 0.F}};
+  // The print grows and shrinks about its middle; beyond its border all is white.
+  const auto half = static_cast<float>(0.5 * kMarkerSideMm / holder.marker.side_mm);
+  const float low = 0.5F - half, high = 0.5F + half;
+  surface.uv = {{low, high}, {high, high}, {low, low}, {high, low}};
   surface.look = {.albedo_visible = 0.8F,
                   .albedo_nir = 0.75F,
                   .specular = 0.02F,

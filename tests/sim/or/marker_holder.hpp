@@ -7,7 +7,9 @@
 
 namespace holdfast::sim {
 
-inline constexpr double kMarkerSideMm = 8.0;      ///< of the black square
+inline constexpr double kMarkerSideMm = 8.0;      ///< of the black square, as designed
+/// How exactly it is made: plotted on film and measured, not printed on paper.
+inline constexpr double kMarkerSideSigmaMm = 0.002;
 inline constexpr double kHolderSideMm = 32. / 3;  ///< of the block: a white border of one cell
 inline constexpr double kBeadDiameterMm = 1.5;
 inline constexpr double kBeadDepthMm = 1.0;  ///< of its centre below the marker, as designed

@@ -4,11 +4,11 @@
 #include <cmath>
 #include <limits>
 #include <numbers>
-#include <random>
 
 #include <fmt/format.h>
 
 #include "rt/core/error.hpp"
+#include "tests/sim/or/seeded_random.hpp"
 
 namespace holdfast::sim {
 namespace {
@@ -18,12 +18,10 @@ using Eigen::Vector3d;
 
 class Random {
  public:
-  explicit Random(std::uint32_t seed, std::uint32_t stream = 0) {
-    std::seed_seq sequence{seed, stream, 0x0971c5U};
-    engine_.seed(sequence);
-  }
+  explicit Random(std::uint32_t seed, std::uint32_t stream = 0)
+      : random_{seed, stream, 0x0971c5U} {}
   /// Uniform in -1..1.
-  double operator()() { return 2 * (static_cast<double>(engine_()) + 0.5) / 4294967296.0 - 1; }
+  double operator()() { return random_.between(-1, 1); }
   double normal() { return (*this)() + (*this)() + (*this)(); }  // variance 1, within +-3
   Vector2d direction() {
     const double angle = std::numbers::pi * (*this)();
@@ -31,7 +29,7 @@ class Random {
   }
 
  private:
-  std::mt19937 engine_;
+  SeededRandom random_;
 };
 
 double value(const std::array<double, 4>& curve, double t) {

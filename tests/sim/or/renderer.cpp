@@ -12,6 +12,7 @@
 #include "tests/sim/or/kernel/kernel.hpp"
 #include "tests/sim/or/lit_scene.hpp"
 #include "tests/sim/or/point_spread.hpp"
+#include "tests/sim/or/region_tracer.hpp"
 #include "tests/sim/or/scatter.hpp"
 #include "tests/sim/or/sensor_noise.hpp"
 
@@ -21,66 +22,17 @@ namespace {
 using kernel::kLanes;
 using kernel::Samples;
 
-constexpr int kMargin = 2;  // columns beyond both ends of a row of shadows
-constexpr int kBlock = 4;   // a packet is 4x4 pixels
+constexpr int kBlock = 4;  // a packet is 4x4 pixels
 constexpr float kDepthJumpMm = 0.2F;
 
-// One value a pixel, in arrays that are kept from frame to frame.
-struct Buffers {
-  cv::Mat_<float> base, microscope, irradiance, albedo, depth;
-  cv::Mat_<std::uint8_t> sees_light, sees_projector;
-  cv::Mat_<std::int16_t> surface;
+// Light, a value a pixel, in arrays that are kept from frame to frame.
+struct Buffers : Seen {
   cv::Mat_<float> light, nir, variance;
 
   void resize(cv::Size size) {
-    for (cv::Mat_<float>* m :
-         {&base, &microscope, &irradiance, &albedo, &depth, &light, &nir, &variance})
-      m->create(size);
-    surface.create(size);
-    sees_light.create(size.height, size.width + 2 * kMargin);
-    sees_projector.create(size.height, size.width + 2 * kMargin);
+    for (cv::Mat_<float>* m : {&light, &nir, &variance}) m->create(size);
   }
 };
-
-void trace_block(const kernel::Kernel& k, const kernel::Frame& frame, const cv::Rect& region,
-                 int x0, int y0, Buffers& b) {
-  alignas(64) float x[kLanes], y[kLanes];
-  alignas(64) int source[kLanes];
-  for (int i = 0; i < kLanes; ++i) {
-    x[i] = static_cast<float>(region.x + x0 + i % kBlock);
-    y[i] = static_cast<float>(region.y + y0 + i / kBlock);
-    source[i] = i;
-  }
-  Samples s;
-  k.trace(frame, x, y, source, 1.F, s);
-  for (int i = 0; i < kLanes; ++i) {
-    const int px = x0 + i % kBlock, py = y0 + i / kBlock;
-    if (px >= b.base.cols || py >= b.base.rows) continue;
-    b.base(py, px) = s.base[i];
-    b.microscope(py, px) = s.microscope[i];
-    b.irradiance(py, px) = s.nir_irradiance[i];
-    b.albedo(py, px) = s.nir_albedo[i];
-    b.depth(py, px) = s.depth[i];
-    b.surface(py, px) = static_cast<std::int16_t>(s.surface[i]);
-    b.sees_light(py, px + kMargin) = s.sees_microscope_light[i];
-    b.sees_projector(py, px + kMargin) = s.sees_projector[i];
-  }
-}
-
-void trace_all(const kernel::Frame& frame, const cv::Rect& region, Buffers& b) {
-  const kernel::Kernel& k = kernel::best_kernel();
-  tbb::parallel_for(0, (region.height + kBlock - 1) / kBlock, [&](int row) {
-    for (int x = 0; x < region.width; x += kBlock)
-      trace_block(k, frame, region, x, row * kBlock, b);
-    for (int y = row * kBlock; y < std::min(region.height, (row + 1) * kBlock); ++y)
-      for (cv::Mat_<std::uint8_t>* m : {&b.sees_light, &b.sees_projector}) {
-        std::uint8_t* p = (*m)[y];
-        const int last = region.width + kMargin - 1;
-        p[0] = p[1] = p[kMargin];
-        p[last + 1] = p[last + 2] = p[last];
-      }
-  });
-}
 
 // Each 4x4 pixels have cast their shadow rays to the sixteen points of a source: any 5x5 of them,
 // weighted so that every point counts the same, see the source as a whole.
@@ -90,8 +42,8 @@ void combine(Buffers& b) {
     const std::uint8_t *light_rows[5], *projector_rows[5];
     for (int i = 0; i < 5; ++i) {
       const int row = std::clamp(y + i - 2, 0, b.base.rows - 1);
-      light_rows[i] = b.sees_light[row] + kMargin;
-      projector_rows[i] = b.sees_projector[row] + kMargin;
+      light_rows[i] = b.sees_light[row] + Seen::kMargin;
+      projector_rows[i] = b.sees_projector[row] + Seen::kMargin;
     }
     k.combine(b.base[y], b.microscope[y], b.irradiance[y], light_rows, projector_rows, b.base.cols,
               b.light[y], b.nir[y]);
@@ -148,7 +100,7 @@ void refine_edges(const kernel::Frame& frame, const cv::Rect& region, Buffers& b
         y[i] = static_cast<float>(region.y + py) + (static_cast<float>(i / kBlock) - 1.5F) / kBlock;
         source[i] = (5 * i + 3 * px + 7 * py) % kLanes;
       }
-      k.trace(frame, x, y, source, 1.F / kBlock, s);
+      k.trace(frame, x, y, source, 1.F / kBlock, {}, s);
       float light = 0, nir = 0, albedo = 0;
       for (int i = 0; i < kLanes; ++i) {
         light += s.base[i] + (s.sees_microscope_light[i] != 0 ? s.microscope[i] : 0);
@@ -168,15 +120,15 @@ struct Renderer::Impl {
   Impl(std::vector<LitSurface> surfaces, const Eigen::Vector3d& n_up_ct)
       : scene(std::move(surfaces), n_up_ct) {}
 
-  void trace(const RoomShot& shot, Side side) {
+  void trace(const RoomShot& shot, Side side, Rays rays) {
     if (shot.lights.or_light > 0) scene.light_up();
     setup.prepare(shot, side, scene, pattern);
     buffers.resize(shot.region.size());
-    trace_all(setup.frame(), shot.region, buffers);
+    tracer.trace(setup.frame(), shot.region, rays, buffers);
   }
 
   void render(const RoomShot& shot, Side side) {
-    trace(shot, side);
+    trace(shot, side, shot.rays);
     combine(buffers);
     refine_edges(setup.frame(), shot.region, buffers);
     if (setup.frame().projector.source.is_on) {
@@ -232,6 +184,7 @@ struct Renderer::Impl {
   LitScene scene;
   ProjectedPattern pattern;
   FrameSetup setup;
+  RegionTracer tracer;
   Buffers buffers;
   PointSpreadScratch point_spread;
   Speckle speckle;
@@ -254,7 +207,7 @@ cv::Mat Renderer::image(const RoomShot& shot, Side side) {
 }
 
 Geometry Renderer::geometry(const RoomShot& shot, Side side) {
-  impl_->trace(shot, side);
+  impl_->trace(shot, side, Rays::all);
   Geometry geometry;
   geometry.depth_mm = impl_->buffers.depth.clone();
   impl_->buffers.surface.convertTo(geometry.surface, CV_32S);

@@ -16,11 +16,20 @@
 
 namespace holdfast::sim {
 
+/// Raised whenever the same shot gives other bytes: what was rendered before is made again.
+constexpr int kRendererVersion = 2;
+
 struct SensorParameters {
   double exposure = 1.0;
   double read_noise_dn = 1.0;  ///< standard deviation, of 255
   double shot_noise_dn = 0.1;  ///< of sqrt(value): sigma^2 = read^2 + shot^2 * value
   int bits = 8;                ///< 8 or 12
+};
+
+/// Which rays are cast.
+enum class Rays {
+  where_needed,  ///< none where what its neighbours found leaves nothing to be found
+  all            ///< every pixel its own: what the other is tested against
 };
 
 /// One exposure of the room.
@@ -31,6 +40,7 @@ struct RoomShot {
   ProjectorOptics projector;  ///< used where lights.pattern is not empty
   SensorParameters sensor;
   std::uint32_t seed = 1;  ///< of the noise; every shot needs its own
+  Rays rays = Rays::where_needed;
   cv::Rect region{0, 0, kSensorWidthPx, kSensorHeightPx};  ///< what is read out of the sensor
 };
 

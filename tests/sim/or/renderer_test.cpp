@@ -298,6 +298,36 @@ TEST(Renderer, PatternFallsWhereTheProjectorSendsIt) {
   EXPECT_LT((found - expected).norm(), px_per_projector_px * ((at - whole).norm() + 0.05));
 }
 
+// Rays are saved only where they would change nothing: a post throws its shadow across the relief.
+TEST(Renderer, SavedShadowRaysChangeLessThanTheNoise) {
+  RoomShot shot = shot_of(1.3, 0.1, middle);
+  Phantom relief = make_relief_phantom(2);
+  Renderer renderer(relief.surfaces, relief.n_view_ct);
+  shot.T_ct_head = Eigen::Isometry3d::Identity();
+  const Vector3d z = -relief.n_view_ct.normalized(), x = relief.x_view_ct.normalized();
+  shot.T_ct_head.translation() = relief.p_focus_ct_mm;
+  shot.T_ct_head.linear() << x, z.cross(x), z;
+  shot.T_ct_head.translate(Vector3d(0, 0, -shot.optics.focus_mm));
+  for (const bool has_pattern : {false, true}) {
+    shot.lights.or_light = 0;
+    shot.lights.microscope_light = has_pattern ? 0 : 1;
+    if (has_pattern) shot.lights.pattern = diffractive_dots(1, 6000, 0.5, shot.projector);
+    shot.rays = Rays::all;
+    const cv::Mat all = renderer.light(shot, Side::left);
+    shot.rays = Rays::where_needed;
+    const cv::Mat some = renderer.light(shot, Side::left);
+    cv::Mat difference;
+    cv::absdiff(all, some, difference);
+    double worst = 0;
+    cv::minMaxLoc(difference, nullptr, &worst);
+    const double sigma_dn = 1.5;  // of the sensor at a quarter of its range
+    EXPECT_LT(cv::mean(difference)[0], 0.02 * sigma_dn);
+    EXPECT_LT(cv::countNonZero(difference > sigma_dn), 0.002 * static_cast<double>(all.total()))
+        << "worst " << worst;
+    EXPECT_GT(cv::mean(all)[0], 5);  // there is light
+  }
+}
+
 TEST(Renderer, RefusesSurfacesThatDoNotFitTogether) {
   LitSurface plate = make_dot_plate({}, 0.1, 10);
   plate.triangles.push_back({0, 1, 99});

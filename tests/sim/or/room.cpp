@@ -3,7 +3,6 @@
 
 #include <cmath>
 #include <fstream>
-#include <random>
 #include <sstream>
 
 #include <fmt/format.h>
@@ -13,6 +12,7 @@
 #include "bridge/image_file.hpp"
 #include "rt/core/error.hpp"
 #include "tests/sim/or/relief_phantom.hpp"
+#include "tests/sim/or/seeded_random.hpp"
 
 namespace holdfast::sim {
 namespace {
@@ -58,6 +58,7 @@ void read_lights(const ConfigSection& s, RoomConfig& c) {
   l.pattern_power = s.number("pattern_power", l.pattern_power, {0, 10});
   l.speckle = s.number("speckle", l.speckle, {0, 1});
   l.scatter_mm = s.number("scatter_mm", l.scatter_mm, {-1, 5});
+  c.off_or_light = s.number("pattern_off_or_light", c.off_or_light, {-1, 10});
   c.diffractive_dots = s.integer("diffractive_dots", c.diffractive_dots, {1, 100'000});
   c.diffractive_dot_mm = s.number("diffractive_dot_mm", c.diffractive_dot_mm, {0.05, 10});
 }
@@ -147,11 +148,8 @@ std::vector<Eigen::Isometry3d> head_poses(const RoomConfig& config, const Phanto
                                           double focus_mm) {
   const Vector3d z = -phantom.n_view_ct.normalized();
   const Vector3d x = (phantom.x_view_ct - z * z.dot(phantom.x_view_ct)).normalized();
-  std::seed_seq sequence{config.seed, 0x905e5U};
-  std::mt19937 random{sequence};
-  const auto draw = [&random] {
-    return 2 * (static_cast<double>(random()) + 0.5) / 4294967296.0 - 1;
-  };
+  SeededRandom random{config.seed, 0x905e5U};
+  const auto draw = [&random] { return random.between(-1, 1); };
   std::vector<Eigen::Isometry3d> poses;
   for (int i = 0; i < config.poses; ++i) {
     const double scale = i == 0 ? 0 : 1;

@@ -33,6 +33,7 @@ struct RoomConfig {
   Lights lights;                 ///< its pattern is filled in by prepare_pattern()
   std::string pattern = "none";  ///< none, diffractive, or file
   std::filesystem::path pattern_file;
+  double off_or_light = -1;  ///< or_light of the frames without the pattern; negative: as with it
   int diffractive_dots = 6000;
   double diffractive_dot_mm = 0.5;
 

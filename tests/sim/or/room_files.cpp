@@ -159,7 +159,8 @@ RoomFiles write_stereo_images(const RoomConfig& config, RoomScene& scene, const 
     if (wish.has_off && !shot.lights.pattern.empty()) {
       RoomShot off = shot;
       off.lights.pattern = cv::Mat();
-      off.lights.or_light = wish.off_or_light.value_or(off.lights.or_light);
+      if (config.off_or_light >= 0) off.lights.or_light = config.off_or_light;
+      if (wish.off_or_light) off.lights.or_light = *wish.off_or_light;
       off.seed = noise_seed(config, 201, 0, pose);
       pair(off, "_off");
     }

@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "bridge/atomic_file.hpp"
+#include "registration/pattern.hpp"
 #include "tests/sim/or/ct_scanner.hpp"
 #include "tests/sim/or/room_output.hpp"
 
@@ -41,12 +42,13 @@ cv::Mat beside(const cv::Mat& left, const cv::Mat& right) {
   return both;
 }
 
-// Dots of 5 projector pixels, 12 apart.
+// Paper A's pattern: dots of 5 projector pixels, 12 apart.
 cv::Mat regular_dots() {
-  cv::Mat dots = cv::Mat::zeros(kProjectorHeightPx, kProjectorWidthPx, CV_8U);
-  for (int y = 6; y < kProjectorHeightPx; y += 12)
-    for (int x = 6; x < kProjectorWidthPx; x += 12) cv::circle(dots, {x, y}, 2, 255, cv::FILLED);
-  return dots;
+  registration::PatternParameters dots;
+  dots.kind = registration::PatternKind::lattice;
+  dots.dot_px = 5;
+  dots.distance_px = 7;
+  return registration::make_pattern(dots);
 }
 
 // One after another, with the count of them.

@@ -31,7 +31,8 @@ std::string read_text(const fs::path& path) {
 
 // Everything the frames depend on, as a text.
 std::string stamp_of(const RoomConfig& config, std::size_t frames) {
-  std::string stamp = fmt::format("renderer 1, {} frames\n{}", frames, config.text);
+  std::string stamp =
+      fmt::format("renderer {}, {} frames\n{}", kRendererVersion, frames, config.text);
   if (config.pattern == "file") {
     const std::string bytes = read_text(config.pattern_file);
     stamp += fmt::format("\npattern {:016x}", std::hash<std::string>{}(bytes));

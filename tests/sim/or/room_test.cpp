@@ -44,11 +44,13 @@ TEST_F(RoomConfigFile, EmptyIsTheDefaults) {
 
 TEST_F(RoomConfigFile, ValuesArriveWhereTheyBelong) {
   const RoomConfig c = read(
-      "seed = 7\n[microscope]\nzoom = 1.5\n[calibration]\nzoom_count = 3\n"
+      "seed = 7\n[microscope]\nzoom = 1.5\n[lights]\npattern_off_or_light = "
+      "0.4\n[calibration]\nzoom_count = 3\n"
       "[faults]\nsmeared_view = 2\nswap_sides = true\n");
   EXPECT_EQ(c.phantom_seed, 7U);  // has none of its own
   EXPECT_EQ(c.optics.seed, 7U);
   EXPECT_EQ(c.zoom, 1.5);
+  EXPECT_EQ(c.off_or_light, 0.4);
   ASSERT_EQ(c.calibration_zooms.size(), 3U);
   EXPECT_NEAR(c.calibration_zooms[1], 1.3, 1e-12);
   EXPECT_EQ(c.faults.smeared_view, 2);

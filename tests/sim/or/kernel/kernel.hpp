@@ -80,11 +80,39 @@ struct alignas(64) Samples {
   std::uint8_t sees_microscope_light[kLanes], sees_projector[kLanes];
 };
 
+/// Which shadow rays a packet casts; light without them is taken to arrive.
+struct ShadowRays {
+  bool microscope = true, projector = true;
+  bool is_dark_too = false;  ///< the projector's also where its pattern is dark
+};
+
+/// What sixteen lines of sight meet, before any light falls on it.
+struct alignas(64) Looks {
+  /// `t`: along the line, in its direction of z = 1; n: the shading normal, not of unit length.
+  enum Value { t, n_x, n_y, n_z, ambient, kValues };
+  float value[kValues][kLanes];
+  static constexpr int kNothing = -1, kPrint = -2;
+  int surface[kLanes];  ///< or kNothing, or kPrint: one with a print, whatever it is
+};
+
+/// Looks at 3x3 pixels, two apart, at one even piece of a surface without a print.
+struct Nodes {
+  float value[Looks::kValues][9];
+  int surface;
+};
+
 struct Kernel {
   /// Samples at pixels (x, y), not further apart than 4 px; `source_sample` is the point of each
-  /// light's disc, `footprint` the side in px over which prints are averaged.
+  /// light's disc, `footprint` the side in px over which prints are averaged. Light that is known
+  /// to arrive needs no shadow rays.
   void (*trace)(const Frame&, const float* x, const float* y, const int* source_sample,
-                float footprint, Samples&);
+                float footprint, ShadowRays, Samples&);
+  /// Looks at pixels (x, y), not further apart than 8 px.
+  void (*look)(const Frame&, const float* x, const float* y, Looks&);
+  /// As trace() of 4x4 pixels (rows of x) whose first, third and fifth rows and columns are the
+  /// nodes': what lies in between is interpolated.
+  void (*trace_between)(const Frame&, const float* x, const float* y, const int* source_sample,
+                        const Nodes&, ShadowRays, Samples&);
   /// out[i] = sum_k weights[k + radius] * rows[k + radius][i]
   void (*filter_rows)(const float* const* rows, const float* weights, int radius, int n,
                       float* out);

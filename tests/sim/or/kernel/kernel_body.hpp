@@ -3,6 +3,7 @@
 // HOLDFAST_KERNEL_NAMESPACE: best_kernel.cpp chooses among them.
 #pragma once
 
+#include "tests/sim/or/kernel/between.hpp"
 #include "tests/sim/or/kernel/kernel.hpp"
 #include "tests/sim/or/kernel/rows.hpp"
 #include "tests/sim/or/kernel/trace.hpp"
@@ -10,6 +11,7 @@
 namespace holdfast::sim::kernel::HOLDFAST_KERNEL_NAMESPACE {
 
 extern const Kernel functions;
-constexpr Kernel functions{&trace, &filter_rows, &filter_row, &combine, &expose};
+constexpr Kernel functions{&trace,      &look,    &trace_between, &filter_rows,
+                           &filter_row, &combine, &expose};
 
 }  // namespace holdfast::sim::kernel::HOLDFAST_KERNEL_NAMESPACE

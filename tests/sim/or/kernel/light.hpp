@@ -23,14 +23,11 @@ inline float glossy(float n_h, float l_h, float specular, float roughness) {
 
 struct alignas(64) Lit {
   float cosine[kLanes], irradiance[kLanes], gloss[kLanes];
-  Lanes3 direction;  // towards the source's sampled point, unit
-  float distance[kLanes];
 };
 
-void light_from(const Source& source, const int* sample, const Lanes3& p, const Lanes3& n,
-                const Lanes3& v, const float* specular, const float* roughness, Lit& out) {
+void light_from(const Source& source, const Lanes3& p, const Lanes3& n, const Lanes3& v,
+                const float* specular, const float* roughness, Lit& out) {
   for (int i = 0; i < kLanes; ++i) {
-    const Vec3 offset = source.disc[sample[i]];
     // Shading is by the source's centre: only the shadow knows that it has an extent.
     float x = source.position.x - p.x[i], y = source.position.y - p.y[i],
           z = source.position.z - p.z[i];
@@ -45,19 +42,12 @@ void light_from(const Source& source, const int* sample, const Lanes3& p, const 
     out.cosine[i] = cosine > 0 ? cosine : 0;
     out.irradiance[i] = source.power * source.reference_mm * source.reference_mm / d2;
     out.gloss[i] = glossy(n_h, l_h, specular[i], roughness[i]);
-    const float sx = source.position.x + offset.x - p.x[i],
-                sy = source.position.y + offset.y - p.y[i],
-                sz = source.position.z + offset.z - p.z[i];
-    const float s = std::sqrt(sx * sx + sy * sy + sz * sz), si = 1.F / s;
-    out.direction.x[i] = sx * si;
-    out.direction.y[i] = sy * si;
-    out.direction.z[i] = sz * si;
-    out.distance[i] = s;
   }
 }
 
-void cast_shadows(RTCScene scene, const Lanes3& p, const Lanes3& n, const Lit& lit,
-                  const int* is_wanted, std::uint8_t* sees) {
+// Towards the source's sampled points.
+void cast_shadows(RTCScene scene, const Source& source, const int* sample, const Lanes3& p,
+                  const Lanes3& n, const Lit& lit, const int* is_wanted, std::uint8_t* sees) {
   alignas(64) int valid[kLanes];
   int any = 0;
   RTCRay16 ray;
@@ -67,11 +57,16 @@ void cast_shadows(RTCScene scene, const Lanes3& p, const Lanes3& n, const Lit& l
     ray.org_x[i] = p.x[i] + kLift * n.x[i];
     ray.org_y[i] = p.y[i] + kLift * n.y[i];
     ray.org_z[i] = p.z[i] + kLift * n.z[i];
-    ray.dir_x[i] = lit.direction.x[i];
-    ray.dir_y[i] = lit.direction.y[i];
-    ray.dir_z[i] = lit.direction.z[i];
+    const Vec3 offset = source.disc[sample[i]];
+    const float sx = source.position.x + offset.x - p.x[i],
+                sy = source.position.y + offset.y - p.y[i],
+                sz = source.position.z + offset.z - p.z[i];
+    const float distance = std::sqrt(sx * sx + sy * sy + sz * sz), inverse = 1.F / distance;
+    ray.dir_x[i] = sx * inverse;
+    ray.dir_y[i] = sy * inverse;
+    ray.dir_z[i] = sz * inverse;
     ray.tnear[i] = 0;
-    ray.tfar[i] = lit.distance[i];
+    ray.tfar[i] = distance;
     ray.time[i] = 0;
     ray.mask[i] = ~0U;
     ray.id[i] = 0;

@@ -80,35 +80,26 @@ void clear_lane(Hits& hits, int i) {
   hits.roughness[i] = 1;
 }
 
-void trace(const Frame& frame, const float* x, const float* y, const int* source_sample,
-           float footprint, Samples& out) {
-  Slopes slopes;
-  slopes_at(frame.sight, x, y, slopes);
-  RTCRayHit16 ray;
-  primary(frame, slopes, ray);
-  Hits hits;
-  alignas(64) int is_hit[kLanes], is_patterned[kLanes];
+// Point and direction of view of each lane, `t` along its line of sight.
+void place(const Frame& frame, const Slopes& slopes, const float* t, Hits& hits) {
   for (int i = 0; i < kLanes; ++i) {
-    is_hit[i] = ray.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID ? 1 : 0;
-    const float t = is_hit[i] != 0 ? ray.ray.tfar[i] : 1;
-    hits.p.x[i] = ray.ray.org_x[i] + t * ray.ray.dir_x[i];
-    hits.p.y[i] = ray.ray.org_y[i] + t * ray.ray.dir_y[i];
-    hits.p.z[i] = ray.ray.org_z[i] + t * ray.ray.dir_z[i];
-    const float length =
-        1.F / std::sqrt(ray.ray.dir_x[i] * ray.ray.dir_x[i] + ray.ray.dir_y[i] * ray.ray.dir_y[i] +
-                        ray.ray.dir_z[i] * ray.ray.dir_z[i]);
-    hits.v.x[i] = -ray.ray.dir_x[i] * length;
-    hits.v.y[i] = -ray.ray.dir_y[i] * length;
-    hits.v.z[i] = -ray.ray.dir_z[i] * length;
-    out.depth[i] = is_hit[i] != 0 ? t + slopes.shift[i] : 0;
-    out.surface[i] = is_hit[i] != 0 ? static_cast<int>(ray.hit.geomID[i]) : -1;
+    const float mx = slopes.mx[i], my = slopes.my[i], shift = slopes.shift[i];
+    const float dx = mx * frame.axis_x.x + my * frame.axis_y.x + frame.axis_z.x;
+    const float dy = mx * frame.axis_x.y + my * frame.axis_y.y + frame.axis_z.y;
+    const float dz = mx * frame.axis_x.z + my * frame.axis_y.z + frame.axis_z.z;
+    hits.p.x[i] = frame.pupil.x + shift * frame.axis_z.x + t[i] * dx;
+    hits.p.y[i] = frame.pupil.y + shift * frame.axis_z.y + t[i] * dy;
+    hits.p.z[i] = frame.pupil.z + shift * frame.axis_z.z + t[i] * dz;
+    const float length = 1.F / std::sqrt(dx * dx + dy * dy + dz * dz);
+    hits.v.x[i] = -dx * length;
+    hits.v.y[i] = -dy * length;
+    hits.v.z[i] = -dz * length;
   }
-  for (int i = 0; i < kLanes; ++i) {
-    if (is_hit[i] != 0)
-      look_up(frame, ray, slopes, i, footprint, hits);
-    else
-      clear_lane(hits, i);
-  }
+}
+
+// Light on what was hit; `is_hit` of each lane.
+void shade(const Frame& frame, const int* source_sample, ShadowRays rays, const int* is_hit,
+           Hits& hits, Samples& out) {
   finish(frame, hits);
   for (int i = 0; i < kLanes; ++i) {
     out.base[i] = hits.visible[i] * hits.ambient[i] * frame.or_light;
@@ -118,24 +109,51 @@ void trace(const Frame& frame, const float* x, const float* y, const int* source
   }
   Lit lit;
   if (frame.microscope_light.is_on) {
-    light_from(frame.microscope_light, source_sample, hits.p, hits.n, hits.v, hits.specular,
-               hits.roughness, lit);
-    cast_shadows(frame.scene, hits.p, hits.n, lit, is_hit, out.sees_microscope_light);
+    light_from(frame.microscope_light, hits.p, hits.n, hits.v, hits.specular, hits.roughness, lit);
+    if (rays.microscope)
+      cast_shadows(frame.scene, frame.microscope_light, source_sample, hits.p, hits.n, lit, is_hit,
+                   out.sees_microscope_light);
     for (int i = 0; i < kLanes; ++i)
       out.microscope[i] = lit.irradiance[i] * lit.cosine[i] * (hits.visible[i] + lit.gloss[i]);
   }
-  if (frame.projector.source.is_on) {
-    light_from(frame.projector.source, source_sample, hits.p, hits.n, hits.v, hits.specular,
-               hits.roughness, lit);
-    for (int i = 0; i < kLanes; ++i) {
-      const float dots =
-          is_hit[i] != 0 ? pattern_at(frame.projector, {hits.p.x[i], hits.p.y[i], hits.p.z[i]}) : 0;
-      is_patterned[i] = dots > 1e-4F ? 1 : 0;
-      out.nir_irradiance[i] = lit.irradiance[i] * lit.cosine[i] * dots;
-      out.nir_albedo[i] += lit.gloss[i];
-    }
-    cast_shadows(frame.scene, hits.p, hits.n, lit, is_patterned, out.sees_projector);
+  if (!frame.projector.source.is_on) return;
+  light_from(frame.projector.source, hits.p, hits.n, hits.v, hits.specular, hits.roughness, lit);
+  alignas(64) int is_patterned[kLanes];
+  for (int i = 0; i < kLanes; ++i) {
+    const float dots =
+        is_hit[i] != 0 ? pattern_at(frame.projector, {hits.p.x[i], hits.p.y[i], hits.p.z[i]}) : 0;
+    is_patterned[i] = dots > 1e-4F ? 1 : 0;
+    out.nir_irradiance[i] = lit.irradiance[i] * lit.cosine[i] * dots;
+    out.nir_albedo[i] += lit.gloss[i];
   }
+  if (rays.projector)
+    cast_shadows(frame.scene, frame.projector.source, source_sample, hits.p, hits.n, lit,
+                 rays.is_dark_too ? is_hit : is_patterned, out.sees_projector);
+}
+
+void trace(const Frame& frame, const float* x, const float* y, const int* source_sample,
+           float footprint, ShadowRays rays, Samples& out) {
+  Slopes slopes;
+  slopes_at(frame.sight, x, y, slopes);
+  RTCRayHit16 ray;
+  primary(frame, slopes, ray);
+  Hits hits;
+  alignas(64) int is_hit[kLanes];
+  alignas(64) float t[kLanes];
+  for (int i = 0; i < kLanes; ++i) {
+    is_hit[i] = ray.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID ? 1 : 0;
+    t[i] = is_hit[i] != 0 ? ray.ray.tfar[i] : 1;
+    out.depth[i] = is_hit[i] != 0 ? t[i] + slopes.shift[i] : 0;
+    out.surface[i] = is_hit[i] != 0 ? static_cast<int>(ray.hit.geomID[i]) : -1;
+  }
+  place(frame, slopes, t, hits);
+  for (int i = 0; i < kLanes; ++i) {
+    if (is_hit[i] != 0)
+      look_up(frame, ray, slopes, i, footprint, hits);
+    else
+      clear_lane(hits, i);
+  }
+  shade(frame, source_sample, rays, is_hit, hits, out);
 }
 
 }  // namespace
