@@ -73,6 +73,8 @@ void add(json& figures, const std::string& name, Timing timing) {
   }
 }
 
+constexpr double kNoiseDn = 1.5;
+
 // A phantom under the microscope at a pose and with lights as a configuration has them.
 class Room {
  public:
@@ -85,6 +87,31 @@ class Room {
     shot_.T_ct_head = head_poses(config, phantom_, microscope.focus_mm()).front();
   }
   void read_out(const cv::Rect& region) { shot_.region = region; }
+  /// How far the rays that are saved change the left image, beside its noise of about 1.5 DN.
+  [[nodiscard]] json compare(const std::string& name) {
+    shot_.rays = Rays::all;
+    const cv::Mat_<float> all(renderer_.light(shot_, Side::left));
+    shot_.rays = Rays::where_needed;
+    const cv::Mat_<float> some(renderer_.light(shot_, Side::left));
+    double squares = 0, most = 0;
+    int beyond = 0;
+    for (int y = 0; y < all.rows; ++y)
+      for (int x = 0; x < all.cols; ++x) {
+        const double change =
+            std::abs(static_cast<double>(std::min(some(y, x), 255.F) - std::min(all(y, x), 255.F)));
+        squares += change * change;
+        most = std::max(most, change);
+        if (change > kNoiseDn) ++beyond;
+      }
+    const auto pixels = static_cast<double>(all.total());
+    const json figures{{"name", name},
+                       {"rms_dn", std::sqrt(squares / pixels)},
+                       {"share_beyond_noise", beyond / pixels},
+                       {"max_dn", most}};
+    fmt::print("{:<30} rms {:.3f} DN, {:.4f} % beyond {} DN, at most {:.1f} DN\n", name,
+               figures["rms_dn"].get<double>(), 100 * beyond / pixels, kNoiseDn, most);
+    return figures;
+  }
   void render_left(int i) {
     shot_.seed = static_cast<std::uint32_t>(i);
     (void)renderer_.image(shot_, Side::left);
@@ -124,6 +151,21 @@ json measure(int runs, const std::string& only) {
   return figures;
 }
 
+// Saved rays against none saved, of every phantom and light.
+json compare() {
+  json figures = json::array();
+  for (const char* phantom : {"ear", "cavity_bone", "cavity_covered", "cavity_bloody"}) {
+    RoomConfig config;
+    config.phantom = phantom;
+    config.lights.or_light = 0.15;  // less of what hides a shadow
+    figures.push_back(Room(config).compare(fmt::format("{}_lamps", phantom)));
+    config.pattern = "diffractive";
+    config.lights.microscope_light = 0;
+    figures.push_back(Room(config).compare(fmt::format("{}_pattern", phantom)));
+  }
+  return figures;
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -135,9 +177,11 @@ int main(int argc, char** argv) {
   app.add_option("--runs", runs, "of each kind of picture")->check(CLI::Range(1, 1000));
   app.add_option("--only", only, "one of the two phantoms")
       ->check(CLI::IsMember({"ear", "cavity"}));
+  bool is_comparison = false;
+  app.add_flag("--compare", is_comparison, "instead: how far the rays that are saved change it");
   CLI11_PARSE(app, argc, argv);
   try {
-    const json figures = measure(runs, only);
+    const json figures = is_comparison ? compare() : measure(runs, only);
     if (!file.empty()) bridge::write_file_atomically(file, figures.dump(1) + "\n");
   } catch (const Error& error) {
     fmt::print(stderr, "holdfast-bench-render: {}\n", error.what());
