@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include <emmintrin.h>
+#include <nmmintrin.h>
 #include <vtkMarchingCubesTriangleCases.h>
 
 #include "registration/worker_pool.hpp"
@@ -123,7 +123,7 @@ class BitCubes {
   }
   /// Voxels of word w that have a next one in their row.
   [[nodiscard]] Word has_next(std::size_t w) const {
-    const std::size_t left = static_cast<std::size_t>(n_.x()) - 1 - std::min(64 * w, last_voxel());
+    const std::size_t left = last_voxel() - std::min(64 * w, last_voxel());
     return left >= 64 ? ~Word{0} : (Word{1} << left) - 1;
   }
   [[nodiscard]] std::size_t last_voxel() const { return static_cast<std::size_t>(n_.x()) - 1; }
@@ -218,14 +218,15 @@ class BitCubes {
     return std::clamp((iso_ - a) / (b - a), kEnd, 1 - kEnd);
   }
 
+  [[nodiscard]] const Eigen::Vector3d& slice_origin_mm(int k) const {
+    return volume_
+        .slice_origin_mm[static_cast<std::size_t>(first_.z()) + static_cast<std::size_t>(k)];
+  }
+
   void place(int k) {
-    const Eigen::Vector3d origin =
-        volume_.slice_origin_mm[static_cast<std::size_t>(first_.z() + k)];
-    const Eigen::Vector3d up =
-        k + 1 < n_.z()
-            ? Eigen::Vector3d(
-                  volume_.slice_origin_mm[static_cast<std::size_t>(first_.z() + k + 1)] - origin)
-            : Eigen::Vector3d::Zero();
+    const Eigen::Vector3d& origin = slice_origin_mm(k);
+    Eigen::Vector3d up = Eigen::Vector3d::Zero();
+    if (k + 1 < n_.z()) up = slice_origin_mm(k + 1) - origin;
     const std::array<Eigen::Vector3f, 3> steps{volume_.column_step_mm.cast<float>(),
                                                volume_.row_step_mm.cast<float>(), up.cast<float>()};
     for (int j = 0; j < n_.y(); ++j) {

@@ -13,10 +13,10 @@
 
 #include "registration/calibration_run.hpp"
 #include "rt/core/error.hpp"
-#include "tests/sim/commands.hpp"
 #include "tests/sim/or/calibration_error.hpp"
 #include "tests/sim/or/corner_views.hpp"
 #include "tests/sim/or/room.hpp"
+#include "tests/sim/study_commands.hpp"
 
 namespace holdfast::sim {
 namespace {

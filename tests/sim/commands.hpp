@@ -7,13 +7,11 @@
 
 namespace holdfast::sim {
 
-void add_calibration_study_command(CLI::App& program);
 void add_camera_command(CLI::App& program);
 void add_can_command(CLI::App& program);
 void add_ct_command(CLI::App& program);
 void add_demo_command(CLI::App& program);
 void add_reaction_commands(CLI::App& program);
-void add_marker_study_command(CLI::App& program);
 void add_operator_command(CLI::App& program);
 void add_or_command(CLI::App& program);
 void add_or_error_commands(CLI::App& program);

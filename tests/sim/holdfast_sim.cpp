@@ -10,13 +10,11 @@ int main(int argc, char** argv) {
   CLI::App app{"Holdfast's virtual operating room: cameras, robot, operator.", "holdfast-sim"};
   app.set_version_flag("--version", HOLDFAST_VERSION);
   app.require_subcommand(1);
-  holdfast::sim::add_calibration_study_command(app);
   holdfast::sim::add_camera_command(app);
   holdfast::sim::add_can_command(app);
   holdfast::sim::add_ct_command(app);
   holdfast::sim::add_demo_command(app);
   holdfast::sim::add_reaction_commands(app);
-  holdfast::sim::add_marker_study_command(app);
   holdfast::sim::add_operator_command(app);
   holdfast::sim::add_or_command(app);
   holdfast::sim::add_or_error_commands(app);

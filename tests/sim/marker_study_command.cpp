@@ -13,12 +13,12 @@
 
 #include "registration/marker_triangulation.hpp"
 #include "rt/core/error.hpp"
-#include "tests/sim/commands.hpp"
 #include "tests/sim/or/calibration_error.hpp"
 #include "tests/sim/or/corner_views.hpp"
 #include "tests/sim/or/ideal_calibration.hpp"
 #include "tests/sim/or/point_error.hpp"
 #include "tests/sim/or/room.hpp"
+#include "tests/sim/study_commands.hpp"
 
 namespace holdfast::sim {
 namespace {

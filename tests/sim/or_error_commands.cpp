@@ -16,6 +16,7 @@
 #include "tests/sim/or/ideal_calibration.hpp"
 #include "tests/sim/or/point_error.hpp"
 #include "tests/sim/or/room.hpp"
+#include "tests/sim/study_commands.hpp"
 
 namespace holdfast::sim {
 namespace {
@@ -142,6 +143,8 @@ void run_bead_error(const PointOptions& options) {
 }  // namespace
 
 void add_or_error_commands(CLI::App& app) {
+  add_calibration_study_command(app);
+  add_marker_study_command(app);
   const auto calibration = std::make_shared<CalibrationOptions>();
   CLI::App* command = app.add_subcommand(
       "calibration-error", "How wrong a calibration of the virtual microscope is, in mm.");

@@ -141,8 +141,8 @@ void add_stereo_command(CLI::App& program) {
   options->right_camera.interface = "127.0.0.2";
   CLI::App& command = *program.add_subcommand(
       "stereo",
-      "Two GigE Vision cameras on one trigger line (TriggerSource Line1), serving image pairs.");
-  command.footer("Example: holdfast-sim stereo --left pairs/left --right pairs/right --rate 5");
+      "Two GigE Vision cameras on one trigger line (TriggerSource Line1), serving image pairs.\n"
+      "Example: holdfast-sim stereo --left pairs/left --right pairs/right --rate 5");
   command.add_option("--left", options->left, "folder of images or video")->required();
   command.add_option("--right", options->right, "likewise, as many images")->required();
   add_device_options(command, "left", options->left_camera);

@@ -7,7 +7,7 @@
 
 namespace holdfast::sim {
 
-inline constexpr double kMarkerSideMm = 8.0;      ///< of the black square, as designed
+inline constexpr double kMarkerSideMm = 8.0;  ///< of the black square, as designed
 /// How exactly it is made: plotted on film and measured, not printed on paper.
 inline constexpr double kMarkerSideSigmaMm = 0.002;
 inline constexpr double kHolderSideMm = 32. / 3;  ///< of the block: a white border of one cell

@@ -7,7 +7,6 @@
 
 #include "tests/sim/or/kernel/kernel.hpp"
 #include "tests/sim/or/kernel/lanes.hpp"
-#include "tests/sim/or/kernel/texel.hpp"
 
 namespace holdfast::sim::kernel::HOLDFAST_KERNEL_NAMESPACE {
 namespace {
@@ -82,27 +81,50 @@ void cast_shadows(RTCScene scene, const Source& source, const int* sample, const
     sees[i] = static_cast<std::uint8_t>(valid[i] != 0 && ray.tfar[i] > 0 ? 1 : 0);
 }
 
-// The pattern's value where the projector sees the point.
-float pattern_at(const Projector& projector, Vec3 p) {
-  const Vec3 d = minus(p, projector.source.position);
-  const float z = dot(d, projector.axis_z);
-  if (!(z > 1)) return 0;
-  const float mx = dot(d, projector.axis_x) / z, my = dot(d, projector.axis_y) / z;
-  const float radial = 1 + projector.k1 * (mx * mx + my * my);
-  const float x = projector.focal * mx * radial + projector.cx;
-  const float y = projector.focal * my * radial + projector.cy;
+// The pattern's value at each point, 0 where the projector does not reach. One loop a step, so that
+// each runs over all lanes at once.
+void pattern_at(const Projector& projector, const Lanes3& p, float* dots) {
+  alignas(64) float x[kLanes], y[kLanes], weight[3][kLanes];
   const Image& image = projector.levels[0];
-  if (!(x >= -0.5F && y >= -0.5F && x <= static_cast<float>(image.width) - 0.5F &&
-        y <= static_cast<float>(image.height) - 0.5F))
-    return 0;
-  const float defocus = projector.defocus * (1.F / z - projector.inverse_focus);
-  const float variance = projector.base_variance + defocus * defocus;
-  const int level = variance < projector.level_variance[1] ? 0 : 1;
-  const float from = projector.level_variance[level], to = projector.level_variance[level + 1];
-  const float t = clamp((variance - from) / (to - from), 0, 1);
-  const float sharp = texel(projector.levels[level], x + 0.5F, y + 0.5F);
-  const float blurred = texel(projector.levels[level + 1], x + 0.5F, y + 0.5F);
-  return sharp + t * (blurred - sharp);
+  const float width = static_cast<float>(image.width), height = static_cast<float>(image.height);
+  const float* variance = projector.level_variance;
+  const float finer = 1 / (variance[1] - variance[0]), coarser = 1 / (variance[2] - variance[1]);
+  for (int i = 0; i < kLanes; ++i) {
+    const Vec3 d = minus({p.x[i], p.y[i], p.z[i]}, projector.source.position);
+    const float z = dot(d, projector.axis_z), inverse = 1.F / (z > 1 ? z : 1);
+    const float mx = dot(d, projector.axis_x) * inverse, my = dot(d, projector.axis_y) * inverse;
+    const float radial = 1 + projector.k1 * (mx * mx + my * my);
+    x[i] = projector.focal * mx * radial + projector.cx;
+    y[i] = projector.focal * my * radial + projector.cy;
+    const bool is_lit = static_cast<int>(z > 1) & static_cast<int>(x[i] >= -0.5F) &
+                        static_cast<int>(y[i] >= -0.5F) & static_cast<int>(x[i] <= width - 0.5F) &
+                        static_cast<int>(y[i] <= height - 0.5F);
+    const float defocus = projector.defocus * (inverse - projector.inverse_focus);
+    const float v = projector.base_variance + defocus * defocus;
+    const float s = clamp((v - variance[0]) * finer, 0, 1);
+    const float t = clamp((v - variance[1]) * coarser, 0, 1);
+    const float on = is_lit ? 1.F : 0.F;
+    weight[0][i] = on * (1 - s);
+    weight[1][i] = on * (s - t);
+    weight[2][i] = on * t;
+  }
+  for (int i = 0; i < kLanes; ++i) dots[i] = 0;
+  for (int level = 0; level < 3; ++level) {
+    float most = 0;
+    for (int i = 0; i < kLanes; ++i) most = weight[level][i] > most ? weight[level][i] : most;
+    if (!(most > 0)) continue;
+    const float* data = projector.levels[level].data;
+    for (int i = 0; i < kLanes; ++i) {
+      const float u = clamp(x[i], 0, width - 1.001F), v = clamp(y[i], 0, height - 1.001F);
+      const int ix = static_cast<int>(u), iy = static_cast<int>(v);
+      const float fx = u - static_cast<float>(ix), fy = v - static_cast<float>(iy);
+      const int at = iy * image.width + ix;
+      const float a = data[at], b = data[at + image.width];
+      const float top = a + fx * (data[at + 1] - a);
+      const float bottom = b + fx * (data[at + image.width + 1] - b);
+      dots[i] += weight[level][i] * (top + fy * (bottom - top));
+    }
+  }
 }
 
 }  // namespace

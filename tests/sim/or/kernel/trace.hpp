@@ -119,9 +119,10 @@ void shade(const Frame& frame, const int* source_sample, ShadowRays rays, const 
   if (!frame.projector.source.is_on) return;
   light_from(frame.projector.source, hits.p, hits.n, hits.v, hits.specular, hits.roughness, lit);
   alignas(64) int is_patterned[kLanes];
+  alignas(64) float pattern[kLanes];
+  pattern_at(frame.projector, hits.p, pattern);
   for (int i = 0; i < kLanes; ++i) {
-    const float dots =
-        is_hit[i] != 0 ? pattern_at(frame.projector, {hits.p.x[i], hits.p.y[i], hits.p.z[i]}) : 0;
+    const float dots = is_hit[i] != 0 ? pattern[i] : 0;
     is_patterned[i] = dots > 1e-4F ? 1 : 0;
     out.nir_irradiance[i] = lit.irradiance[i] * lit.cosine[i] * dots;
     out.nir_albedo[i] += lit.gloss[i];
