@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast-dashboard as a process: what it answers while daemon and guard come and go, and what it
 // does with those who ask otherwise than a page does.
-#include <csignal>
+#include <random>
 
 #include <gtest/gtest.h>
 
@@ -159,6 +159,28 @@ TEST_F(DashboardProcess, RefusesWhatIsNotASmallGet) {
   }
   EXPECT_EQ(status_of(get(port, "/", "", "evil.example")), 421);
   EXPECT_EQ(status_of(get(port, "/state")), 200) << "it still serves";
+}
+
+TEST_F(DashboardProcess, SurvivesRequestsWithBytesChangedAddedAndCutOff) {
+  RecordProperty("requirement", "SR-132");
+  Dashboard dashboard(folder_);
+  const std::string good = "GET /state HTTP/1.1\r\nHost: localhost\r\nCookie: a=b\r\n\r\n";
+  const std::string additions[] = {"\r\n", "Content-Length: 99999999999999999999\r\n",
+                                   "Transfer-Encoding: chunked\r\n", "Upgrade: websocket\r\n"};
+  std::mt19937 random(1);
+  const auto below = [&random](std::size_t n) { return random() % n; };
+  for (int i = 0; i < 1000; ++i) {
+    std::string request = good;
+    for (std::size_t changes = below(6); changes > 0; --changes) {
+      const std::size_t at = below(request.size());
+      if (below(3) == 0) request.insert(at, additions[below(4)]);
+      request[at] = static_cast<char>(below(256));
+    }
+    const Connection connection(dashboard.port());
+    ASSERT_TRUE(connection.send(request.substr(0, 1 + below(request.size()))));
+  }
+  EXPECT_TRUE(dashboard.process().is_running()) << dashboard.log();
+  EXPECT_TRUE(dds::eventually([&] { return status_of(get(dashboard.port(), "/state")) == 200; }));
 }
 
 TEST_F(DashboardProcess, SaysInEachAnswerWhatAPageMayDo) {
