@@ -85,7 +85,9 @@ class Reconstructor {
   Reconstructor(const Reconstructor&) = delete;
   Reconstructor& operator=(const Reconstructor&) = delete;
 
-  /// One shot or a burst of one unmoved scene (1 … 31). One thread at a time.
+  /// One shot or a burst of one unmoved scene (1 … 31). One thread at a time. The maps are fresh
+  /// memory, some 140 MB for a whole microscope image: a program that reconstructs again and again
+  /// keeps what it frees (mallopt(M_TRIM_THRESHOLD)), which saves a quarter of the CPU time.
   [[nodiscard]] Reconstruction reconstruct(std::span<const StereoShot> shots);
   [[nodiscard]] const Rectification& rectification() const;
 

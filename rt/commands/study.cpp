@@ -120,7 +120,10 @@ void report(const Options& options, const StudyResult& result) {
                "closest, mm", "truth p50", "over 1 mm, %", "covered, %", "refused");
   for (const double zoom : options.settings.zooms)
     for (const Illumination illumination : kIlluminations)
-      for (const char* method : {"opencv", "sgm"}) {
+      for (const char* method : {"opencv", "sgm", "burst"}) {
+        const bool is_burst = std::string(method) == "burst";
+        if (is_burst && (options.settings.shots < 2 || illumination != Illumination::adaptive))
+          continue;
         const StudyCell cell = cell_of(result.rows, zoom, std::string(name(illumination)), method);
         nlohmann::json row = as_json(cell.mean);
         row["repeats"] = cell.repeats;
@@ -196,6 +199,11 @@ void add_study(CLI::App& app) {
       ->capture_default_str();
   study->add_option("--points", s.points, "Drawn of each reconstruction")
       ->check(CLI::Range(10, 1'000'000))
+      ->capture_default_str();
+  study
+      ->add_option("--shots", s.shots,
+                   "Of a burst with as many adaptive patterns, measured beside the single shot")
+      ->check(CLI::Range(1, 31))
       ->capture_default_str();
   study->add_option("--dots", options->pattern.dot_px, "Adaptive pattern: diameter of a dot, px")
       ->capture_default_str();

@@ -40,14 +40,16 @@ json as_json(const StudySettings& s) {
                         {"dot_px", p.dot_px},
                         {"distance_px", p.distance_px},
                         {"seed", p.seed}});
-  return {{"zooms", s.zooms},
-          {"repeats", s.repeats},
-          {"rig", rig_text(s.rig)},
-          {"seed", s.seed},
-          {"calibration_pairs", s.calibration_pairs},
-          {"points", s.points},
-          {"iso_hu", s.setup.iso_hu},
-          {"patterns", patterns}};
+  json settings{{"zooms", s.zooms},
+                {"repeats", s.repeats},
+                {"rig", rig_text(s.rig)},
+                {"seed", s.seed},
+                {"calibration_pairs", s.calibration_pairs},
+                {"points", s.points},
+                {"iso_hu", s.setup.iso_hu},
+                {"patterns", patterns}};
+  if (s.shots > 1) settings["shots"] = s.shots;
+  return settings;
 }
 
 /// Written before the first image: what is measured later cannot change what was asked. More
@@ -137,10 +139,23 @@ class Study {
     return side;
   }
 
-  [[nodiscard]] fs::path pattern_at(std::size_t zoom) const {
-    fs::path file = folder_ / "patterns" / fmt::format("adaptive_{:g}.png", settings_.zooms[zoom]);
-    if (!fs::exists(file)) write_png(file, registration::make_pattern(settings_.patterns[zoom]));
+  /// `shot` of a burst; each has dots of its own.
+  [[nodiscard]] fs::path pattern_at(std::size_t zoom, int shot = 0) const {
+    registration::PatternParameters pattern = settings_.patterns[zoom];
+    pattern.seed += static_cast<std::uint64_t>(shot);
+    const std::string name = fmt::format("adaptive_{:g}", settings_.zooms[zoom]);
+    fs::path file =
+        folder_ / "patterns" / (name + (shot > 0 ? fmt::format("_{}.png", shot) : ".png"));
+    if (!fs::exists(file)) write_png(file, registration::make_pattern(pattern));
     return file;
+  }
+  void add_burst(std::size_t zoom, PairRequest request, StudyPair& pair) {
+    pair.burst = {pair.shot};
+    request.has_off = false;
+    for (int shot = 1; shot < settings_.shots; ++shot) {
+      request.pattern = pattern_at(zoom, shot).string();
+      pair.burst.push_back(rig().pair(request).shot);
+    }
   }
 
   void pair(const StudyBench& bench, std::size_t zoom, Illumination illumination, int repeat) {
@@ -172,7 +187,9 @@ class Study {
     request.zoom = settings_.zooms[zoom];
     request.pose = repeat;
     const RigPair images = rig().pair(request);
-    StudyPair pair{images.shot, request.has_off ? images.off : images.shot};
+    StudyPair pair{images.shot, request.has_off ? images.off : images.shot, {}};
+    if (illumination == Illumination::adaptive && settings_.shots > 1)
+      add_burst(zoom, request, pair);
     StudyRow identity;
     identity.zoom = request.zoom;
     identity.illumination = name(illumination);
@@ -202,7 +219,7 @@ class Study {
     return folder_ / "heat" / fmt::format("{}_{}.png", name(illumination), method);
   }
   void list_heat_maps(Illumination illumination, double zoom) {
-    for (const char* method : {"sgm", "opencv"})
+    for (const char* method : {"sgm", "opencv", "burst"})
       if (const fs::path file = heat_file(illumination, method); fs::exists(file))
         result_.heat_maps.push_back(
             {fmt::format("{}, zoom {:g}, {}", name(illumination), zoom, method), file});

@@ -24,6 +24,9 @@ struct StudySettings {
   std::uint64_t seed = 1;  ///< of the drawing
   int calibration_pairs = 19;
   int points = 5000;  ///< drawn of each reconstruction, as in the paper
+  /// Of a burst under the adaptive light, each with a pattern of its own: a third row, of method
+  /// "burst"; 1: none.
+  int shots = 1;
 
   std::vector<registration::PatternParameters> patterns;  ///< adaptive, one a zoom
   SetupParameters setup;

@@ -4,6 +4,7 @@
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <span>
 
 #include <fmt/format.h>
 
@@ -26,9 +27,11 @@ constexpr double kHeatMapMaxMm = 1;
 struct Method {
   const char* name;
   MatchMethod method;
+  bool is_burst = false;
 };
-constexpr std::array<Method, 2> kMethods{
-    {{"sgm", MatchMethod::sgm}, {"opencv", MatchMethod::opencv}}};
+constexpr std::array<Method, 3> kMethods{{{"sgm", MatchMethod::sgm},
+                                          {"opencv", MatchMethod::opencv},
+                                          {"burst", MatchMethod::sgm, true}}};
 
 Isometry3d as_rotation(const cv::Matx33d& m) {
   Isometry3d T = Isometry3d::Identity();
@@ -69,15 +72,15 @@ std::optional<Isometry3d> register_by_markers(const StudyBench& bench, const Stu
 /// As in use; what is refused there for having too little or repeating itself is measured all the
 /// same, both methods alike, and `row` keeps the reason.
 Reconstruction reconstructed(const registration::ZoomCalibration& calibration,
-                             const registration::StereoShot& shot, MatchMethod method, int threads,
-                             StudyRow& row) {
+                             std::span<const registration::StereoShot> shots, MatchMethod method,
+                             int threads, StudyRow& row) {
   using Status = registration::ReconstructionStatus;
   registration::ReconstructionOptions options;
   options.method = method;
   options.threads = threads;
   const auto run = [&] {
-    registration::Reconstructor reconstructor(calibration, shot.left.size(), options);
-    return reconstructor.reconstruct({&shot, 1});
+    registration::Reconstructor reconstructor(calibration, shots.front().left.size(), options);
+    return reconstructor.reconstruct(shots);
   };
   Reconstruction surface = run();
   if (surface.status != Status::done)
@@ -140,10 +143,13 @@ std::vector<StudyRow> measure_pair(
   const auto T_camera_ct = register_by_markers(bench, pair, seated, common);
   std::vector<StudyRow> rows;
   for (const Method& method : kMethods) {
+    if (method.is_burst && pair.burst.empty()) continue;
+    const std::span<const registration::StereoShot> shots =
+        method.is_burst ? std::span(pair.burst) : std::span(&pair.shot, 1);
     StudyRow& row = rows.emplace_back(common);
     row.method = method.name;
     const Reconstruction surface =
-        reconstructed(seated, pair.shot, method.method, bench.setup.threads, row);
+        reconstructed(seated, shots, method.method, bench.setup.threads, row);
     if (surface.status != registration::ReconstructionStatus::done) continue;
     const registration::Rectification geometry =
         registration::rectification_of(seated, pair.shot.left.size());

@@ -27,15 +27,17 @@ struct StudyBench {
 };
 
 struct StudyPair {
-  registration::StereoShot shot, markers;  ///< `markers`: without the pattern
+  registration::StereoShot shot, markers;       ///< `markers`: without the pattern
+  std::vector<registration::StereoShot> burst;  ///< `shot` and more of the same pose; empty: none
 };
 
 /// Judges a depth map, made with `seated`, against the truth; fills `row`'s figures.
 using DepthJudge = std::function<void(const cv::Mat& depth_mm,
                                       const registration::ZoomCalibration& seated, StudyRow& row)>;
 
-/// One row a method. Both reconstruct with the calibration as the markers show the zoom seated.
-/// `heat_map`, if given, is called with the method and the finished picture.
+/// One row a method: sgm, opencv and, where there is one, burst. All reconstruct with the
+/// calibration as the markers show the zoom seated. `heat_map`, if given, is called with the method
+/// and the finished picture.
 [[nodiscard]] std::vector<StudyRow> measure_pair(
     const StudyBench& bench, const StudyPair& pair, const StudyRow& identity,
     const DepthJudge& judge,
