@@ -37,9 +37,6 @@ class RoomFaults(unittest.TestCase):
             self.assertIn(word, done.stderr)
         self.assertFalse(os.path.exists(out))
 
-    def test_swapped_sides(self):
-        self.refused(ROOM + "[faults]\nswap_sides = true\n", "zoom 1.3", "left and right are swapped")
-
     def test_an_image_without_its_partner(self):
         self.refused(ROOM + "[faults]\nmissing_right = 2\n", "left_02.png", "right")
 
