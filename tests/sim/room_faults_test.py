@@ -43,9 +43,6 @@ class RoomFaults(unittest.TestCase):
     def test_a_view_out_of_focus_leaves_too_few(self):
         self.refused(ROOM + "[faults]\nsmeared_view = 3\n", "zoom 1.3", "5 pairs show the whole board")
 
-    def test_views_that_are_all_alike(self):
-        self.refused(ROOM + "[faults]\nsimilar_views = true\n", "zoom 1.3", "do not constrain")
-
     def test_boards_partly_out_of_view(self):
         self.refused(ROOM + "border_px = -400\n", "zoom 1.3", "pairs show the whole board")
 
