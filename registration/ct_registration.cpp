@@ -3,10 +3,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
-#include <set>
 
 #include <fmt/format.h>
+
+#include "registration/fiducial_pairing.hpp"
 
 namespace holdfast::registration {
 namespace {
@@ -14,13 +14,6 @@ namespace {
 // Comments of a surface file that tell its CT.
 constexpr const char* kSeries = "ct_series";
 constexpr const char* kFrame = "ct_frame_of_reference";
-
-/// Ends the registration with a reason.
-struct Refusal {
-  RegistrationStatus status;
-  std::string reason;
-};
-using MaybeRefusal = std::optional<Refusal>;
 
 std::string property(const Markups& markups, const std::string& key) {
   const auto found = markups.properties.find(key);
@@ -58,103 +51,15 @@ MaybeRefusal identify(const RegistrationInput& input, CtIdentity& identity) {
                         expected, identity.series, identity.frame)};
 }
 
-MaybeRefusal duplicate(const Markups& markups, const char* which) {
-  std::set<std::string> seen;
-  for (const MarkupPoint& point : markups.points)
-    if (!point.label.empty() && !seen.insert(point.label).second)
-      return Refusal{RegistrationStatus::duplicate_label,
-                     fmt::format("two {} fiducials are called {}", which, point.label)};
-  return {};
-}
-
-using IndexPairs = std::vector<std::pair<std::size_t, std::size_t>>;  // moving, fixed
-
-IndexPairs by_label(const RegistrationInput& input) {
-  std::map<std::string, std::size_t> fixed;
-  for (std::size_t i = 0; i < input.fixed.points.size(); ++i)
-    if (!input.fixed.points[i].label.empty()) fixed[input.fixed.points[i].label] = i;
-  IndexPairs pairs;
-  for (std::size_t i = 0; i < input.moving.points.size(); ++i)
-    if (const auto found = fixed.find(input.moving.points[i].label); found != fixed.end())
-      pairs.emplace_back(i, found->second);
-  return pairs;
-}
-
-std::vector<Eigen::Vector3d> positions(const Markups& markups, bool is_mirrored = false) {
-  std::vector<Eigen::Vector3d> result;
-  for (const MarkupPoint& point : markups.points) {
-    result.push_back(point.position_mm);
-    if (is_mirrored) result.back().x() = -result.back().x();
-  }
-  return result;
-}
-
-MaybeRefusal by_geometry(const RegistrationInput& input, IndexPairs& pairs) {
-  const std::vector<Eigen::Vector3d> moving = positions(input.moving);
-  const double limit = input.limits.fre_max_mm;
-  const Correspondence found = find_correspondence(positions(input.fixed), moving, limit);
-  switch (found.status) {
-    case CorrespondenceStatus::found:
-      for (std::size_t i = 0; i < moving.size(); ++i)
-        pairs.emplace_back(i, found.fixed_of_moving[i]);
-      return {};
-    case CorrespondenceStatus::ambiguous:
-      return Refusal{
-          RegistrationStatus::ambiguous_correspondence,
-          fmt::format("two assignments fit, FRE {:.3f} and {:.3f} mm, limit {} mm: label "
-                      "the fiducials or place them less alike",
-                      found.fre_mm, found.second_fre_mm, limit)};
-    case CorrespondenceStatus::too_many:
-      return Refusal{RegistrationStatus::no_correspondence,
-                     fmt::format("{} camera and {} CT fiducials without a common label, at most 16 "
-                                 "and 64 are searched",
-                                 moving.size(), input.fixed.points.size())};
-    case CorrespondenceStatus::none:
-      break;
-  }
-  if (find_correspondence(positions(input.fixed, true), moving, limit).status ==
-      CorrespondenceStatus::found)
-    return Refusal{RegistrationStatus::mirrored_ct,
-                   "the fiducials fit only after a reflection: the CT is mirrored"};
-  return Refusal{RegistrationStatus::no_correspondence,
-                 fmt::format("no assignment of the {} camera fiducials to the {} of the CT has an "
-                             "FRE of at most {} mm: another patient, a moved marker, or too few",
-                             moving.size(), input.fixed.points.size(), limit)};
-}
-
-/// The joint covariance of the chosen moving points, in their order; empty when there is none.
-Eigen::MatrixXd chosen_joint(const Markups& moving, const IndexPairs& pairs) {
-  if (moving.joint_covariance_mm2.size() == 0) return {};
-  const auto n = static_cast<Eigen::Index>(pairs.size());
-  Eigen::MatrixXd joint(3 * n, 3 * n);
-  for (Eigen::Index i = 0; i < n; ++i)
-    for (Eigen::Index j = 0; j < n; ++j)
-      joint.block<3, 3>(3 * i, 3 * j) = moving.joint_covariance_mm2.block<3, 3>(
-          3 * static_cast<Eigen::Index>(pairs[static_cast<std::size_t>(i)].first),
-          3 * static_cast<Eigen::Index>(pairs[static_cast<std::size_t>(j)].first));
-  return joint;
-}
-
-FiducialSet fiducial_set(const RegistrationInput& input, const IndexPairs& pairs,
-                         CtRegistration& result) {
-  FiducialSet set;
-  set.has_covariances = true;
+void describe(const RegistrationInput& input, const IndexPairs& pairs, const FiducialSet& set,
+              CtRegistration& result) {
   for (const auto& [moving, fixed] : pairs) {
-    const MarkupPoint& m = input.moving.points[moving];
-    const MarkupPoint& f = input.fixed.points[fixed];
-    set.has_covariances = set.has_covariances && m.covariance_mm2 && f.covariance_mm2;
-    set.pairs.push_back({m.label, f.position_mm, m.position_mm,
-                         f.covariance_mm2.value_or(Eigen::Matrix3d::Zero()),
-                         m.covariance_mm2.value_or(Eigen::Matrix3d::Zero())});
-    result.labels.push_back(m.label == f.label ? m.label
-                                               : fmt::format("{} = {}", m.label, f.label));
+    const std::string &m = input.moving.points[moving].label, &f = input.fixed.points[fixed].label;
+    result.labels.push_back(m == f ? m : fmt::format("{} = {}", m, f));
   }
-  if (set.has_covariances)
-    set.joint_covariance_camera_mm2 = chosen_joint(input.moving, pairs);
-  else
+  if (!set.has_covariances)
     result.notes.emplace_back(
         "not every fiducial states a covariance: the error is judged from the residuals");
-  return set;
 }
 
 MaybeRefusal judge_status(const RigidFit& fit, std::size_t pairs) {
@@ -240,6 +145,32 @@ MaybeRefusal fuse(const RegistrationInput& input, CtRegistration& result) {
   return Refusal{RegistrationStatus::surface_disagreement, "the surfaces' fit does not converge"};
 }
 
+bool is_worth_fusing(const RegistrationInput& input, const FiducialSet& set,
+                     CtRegistration& result) {
+  std::vector<Eigen::Vector3d> points = input.targets_ct_mm;
+  if (points.empty()) {
+    points.emplace_back(Eigen::Vector3d::Zero());
+    for (const FiducialPair& pair : set.pairs)
+      points.front() += pair.p_ct_mm / static_cast<double>(set.pairs.size());
+  }
+  double before_mm2 = 0, after_mm2 = 0;
+  for (const Eigen::Vector3d& p : points) {
+    const RigidFit& fiducials = result.fiducial_fit;
+    const SurfaceFit& fused = *result.surface_fit;
+    before_mm2 = std::max(
+        before_mm2, target_covariance(fiducials.T_camera_ct, fiducials.covariance, p).trace());
+    after_mm2 =
+        std::max(after_mm2, target_covariance(fused.T_camera_ct, fused.covariance, p).trace());
+  }
+  const double before_mm = std::sqrt(before_mm2), after_mm = std::sqrt(after_mm2);
+  if (after_mm <= (1 - input.limits.fusion_gain_min) * before_mm) return true;
+  result.notes.push_back(fmt::format(
+      "the fiducials' registration stays: fused, the surface would change the predicted "
+      "TRE from {:.3f} to {:.3f} mm, a gain below {:g} %",
+      before_mm, after_mm, 100 * input.limits.fusion_gain_min));
+  return false;
+}
+
 MaybeRefusal predict_targets(const RegistrationInput& input, Registration& registration) {
   for (const Eigen::Vector3d& target : input.targets_ct_mm) {
     TargetError error;
@@ -260,27 +191,21 @@ MaybeRefusal predict_targets(const RegistrationInput& input, Registration& regis
 MaybeRefusal run(const RegistrationInput& input, CtRegistration& result) {
   CtIdentity identity;
   if (auto refusal = identify(input, identity)) return refusal;
-  if (auto refusal = duplicate(input.fixed, "CT")) return refusal;
-  if (auto refusal = duplicate(input.moving, "camera")) return refusal;
-  if (input.moving.points.size() < 3 || input.fixed.points.size() < 3)
-    return Refusal{RegistrationStatus::too_few_fiducials,
-                   fmt::format("{} camera and {} CT fiducials, at least 3 of each are needed",
-                               input.moving.points.size(), input.fixed.points.size())};
-  IndexPairs pairs = by_label(input);
-  if (pairs.empty())
-    if (auto refusal = by_geometry(input, pairs)) return refusal;
-  const FiducialSet set = fiducial_set(input, pairs, result);
+  IndexPairs pairs;
+  if (auto refusal = pair_fiducials(input, pairs)) return refusal;
+  const FiducialSet set = fiducial_set(input, pairs);
+  describe(input, pairs, set, result);
   result.fiducial_fit = fit_rigid(set);
   if (auto refusal = judge_status(result.fiducial_fit, set.pairs.size())) return refusal;
   if (auto refusal = judge_fit(set, input.limits, result)) return refusal;
   if (auto refusal = fuse(input, result)) return refusal;
 
-  const bool is_fused = input.is_refined && result.surface_fit;
+  result.is_fused = input.is_refined && result.surface_fit && is_worth_fusing(input, set, result);
   Registration& registration = result.registration;
   registration.T_camera_ct =
-      is_fused ? result.surface_fit->T_camera_ct : result.fiducial_fit.T_camera_ct;
+      result.is_fused ? result.surface_fit->T_camera_ct : result.fiducial_fit.T_camera_ct;
   registration.covariance =
-      is_fused ? result.surface_fit->covariance : result.fiducial_fit.covariance;
+      result.is_fused ? result.surface_fit->covariance : result.fiducial_fit.covariance;
   registration.covariance =
       (0.5 * (registration.covariance + registration.covariance.transpose())).eval();
   registration.fre_mm = result.fiducial_fit.fre_mm;

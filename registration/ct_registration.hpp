@@ -17,11 +17,18 @@
 namespace holdfast::registration {
 
 struct RegistrationLimits {
-  double fre_max_mm = 0.5;       ///< of the fiducials, and of an accepted correspondence
-  double fit_p_min = 1e-4;       ///< of the residuals under the stated covariances
+  double fre_max_mm = 0.5;  ///< of the fiducials, and of an accepted correspondence
+  double fit_p_min = 1e-4;  ///< of the residuals under the stated covariances
+  /// Another assignment of the fiducials within fre_max_mm is none only if its residuals under the
+  /// stated covariances are less probable than this; without covariances it always is one.
+  double rival_p_max = 1e-12;
   double left_out_p_min = 1e-4;  ///< of one fiducial under the others, shared among them
   double left_out_max_mm = 0.7;  ///< displacement, where no covariances are stated
   double tre_max_mm = 1.0;       ///< predicted rms at each target
+  /// By how much, of it, a fused surface must lower the predicted rms (worst target; without
+  /// targets, the fiducials' middle). One that does not brings its own errors and nothing else: the
+  /// fiducials' registration then stays as it is.
+  double fusion_gain_min = 0.1;
 };
 
 struct RegistrationInput {
@@ -29,7 +36,7 @@ struct RegistrationInput {
   Markups moving;                              ///< in frame camera (mm)
   std::optional<TriangleMesh> fixed_surface;   ///< of the CT (LPS, mm)
   std::optional<TriangleMesh> moving_surface;  ///< frame camera, or rectified with its R1
-  bool is_refined = false;                     ///< fuse the surfaces; needs both
+  bool is_refined = false;                     ///< fuse the surfaces where that gains; needs both
   std::vector<Eigen::Vector3d> targets_ct_mm;
   std::string expected_ct;  ///< series or frame of reference UID of the planned CT; empty: any
   RegistrationLimits limits;
@@ -61,6 +68,8 @@ struct CtRegistration {
   std::vector<std::string> labels;  ///< "moving = fixed" of each pair, in the residuals' order
   std::vector<LeftOut> left_out;
   std::optional<SurfaceFit> surface_fit;
+  bool is_fused =
+      false;  ///< the surface is part of `registration`, not only asked whether it agrees
   std::vector<std::string> notes;
 };
 

@@ -13,7 +13,7 @@
 namespace holdfast::registration {
 namespace {
 
-constexpr std::size_t kMovingMax = 16, kFixedMax = 64;
+constexpr std::size_t kMovingMax = 16, kFixedMax = 64, kRivalsMax = 63;
 constexpr double kInfinite = std::numeric_limits<double>::infinity();
 
 double fre_of(const Eigen::Matrix3Xd& to, const Eigen::Matrix3Xd& from) {
@@ -38,6 +38,14 @@ class Search {
       result_.status = CorrespondenceStatus::ambiguous;
     else
       result_.status = CorrespondenceStatus::found;
+    if (result_.status == CorrespondenceStatus::ambiguous) {
+      result_.candidates.reserve(1 + rivals_.size());
+      result_.candidates.push_back(result_.fixed_of_moving);
+      for (const auto& rival : rivals_) result_.candidates.push_back(rival);
+      ++result_.candidate_count;
+    } else {
+      result_.candidate_count = 0;
+    }
     if (result_.status != CorrespondenceStatus::found) result_.fixed_of_moving.clear();
     return result_;
   }
@@ -77,11 +85,18 @@ class Search {
     const double fre_mm = fre_of(to, from);
     if (fre_mm < result_.fre_mm) {
       result_.second_fre_mm = result_.fre_mm;
+      if (result_.fre_mm <= fre_max_mm_) keep_rival(result_.fixed_of_moving);
       result_.fre_mm = fre_mm;
       result_.fixed_of_moving = chosen_;
     } else {
       result_.second_fre_mm = std::min(result_.second_fre_mm, fre_mm);
+      if (fre_mm <= fre_max_mm_) keep_rival(chosen_);
     }
+  }
+
+  void keep_rival(const std::vector<std::size_t>& fixed_of_moving) {
+    ++result_.candidate_count;
+    if (rivals_.size() < kRivalsMax) rivals_.push_back(fixed_of_moving);
   }
 
   const std::vector<Eigen::Vector3d>& fixed_;
@@ -89,6 +104,7 @@ class Search {
   double fre_max_mm_;
   std::vector<bool> is_used_;
   std::vector<std::size_t> chosen_;
+  std::vector<std::vector<std::size_t>> rivals_;
   Correspondence result_;
 };
 

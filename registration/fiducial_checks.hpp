@@ -19,12 +19,16 @@ struct Correspondence {
   std::vector<std::size_t> fixed_of_moving;
   double fre_mm = 0;         ///< of the best assignment; infinite where there is none
   double second_fre_mm = 0;  ///< of the next best; infinite where there is none
+  /// With `ambiguous`: the assignments that would be accepted, the best one first, 64 at most.
+  std::vector<std::vector<std::size_t>> candidates;
+  std::size_t candidate_count = 0;  ///< all of them
 };
 
 /// Finds the assignment of every moving point to its own fixed point that a proper rigid motion
 /// explains with an FRE of at most `fre_max_mm`; fixed points may be left over. `ambiguous` when a
-/// second assignment would be accepted as well, `none` when not even one, `too_many` beyond 16
-/// moving or 64 fixed points.
+/// second assignment would be accepted as well (all are then given: a caller that knows the points'
+/// errors may still tell them apart), `none` when not even one, `too_many` beyond 16 moving
+/// or 64 fixed points.
 [[nodiscard]] Correspondence find_correspondence(const std::vector<Eigen::Vector3d>& fixed_mm,
                                                  const std::vector<Eigen::Vector3d>& moving_mm,
                                                  double fre_max_mm);

@@ -20,13 +20,20 @@ constexpr double kStepMinSquared = 1e-2;  // in standard deviations: a tenth of 
 constexpr double kHopMaxSquared = 0.25;   // half of one
 constexpr int kFieldAgain = 3;            // iteration
 constexpr double kGate = 4;  // robust standard deviations beyond which a point does not vote
+// Where the surface falls away from the camera, and where little of it is known, the matcher mixes
+// what is near with what is far: such points have one sign and their neighbours' company, and no
+// average removes them.
+constexpr double kFacingMin = 0.35;     // cosine between the normal and the line of sight
+constexpr double kPatchShareMin = 0.3;  // of the median patch's points
 constexpr double kMadToSigma = 1.4826;
+constexpr std::size_t kContactsMin = 50;
 
 /// One point that lies on the CT surface: residual r = n·(p - q), with d(n·q) = h·step.
 struct Contact {
   double residual_mm;
   Vector6d h;
   Eigen::Vector3d p_camera_mm;
+  bool is_steep;  ///< seen at so flat an angle that it does not vote
 };
 
 double median(std::vector<double> values) {
@@ -45,20 +52,24 @@ std::vector<Contact> contacts(const std::vector<Eigen::Vector3d>& p_camera_mm,
     if (!closest.is_found || closest.is_on_rim) continue;
     const Eigen::Vector3d n = T_camera_ct.linear() * ct.normal(closest.triangle);
     const Eigen::Vector3d q = T_camera_ct * closest.p_mm;
-    result.push_back({n.dot(p - q), point_jacobian(T_camera_ct, closest.p_mm).transpose() * n, p});
+    result.push_back({n.dot(p - q), point_jacobian(T_camera_ct, closest.p_mm).transpose() * n, p,
+                      std::abs(n.dot(p)) < kFacingMin * p.norm()});
   }
   return result;
 }
 
-/// Leaves out what is too far from the rest.
+/// Leaves out what is steep, and what is too far from the rest.
 void gate(std::vector<Contact>& contacts) {
+  std::erase_if(contacts, [](const Contact& c) { return c.is_steep; });
+  if (contacts.empty()) return;
   std::vector<double> magnitudes;
   for (const Contact& c : contacts) magnitudes.push_back(std::abs(c.residual_mm));
   const double limit = kGate * kMadToSigma * median(magnitudes) + 1e-9;
   std::erase_if(contacts, [limit](const Contact& c) { return std::abs(c.residual_mm) > limit; });
 }
 
-/// The contacts of one small piece of the reconstructed surface, averaged.
+/// The contacts of one small piece of the reconstructed surface: their median residual, the rest
+/// averaged.
 struct Patch {
   double count = 0, residual_mm = 0;
   Vector6d h = Vector6d::Zero();
@@ -73,19 +84,33 @@ std::vector<Patch> patches(const std::vector<Contact>& contacts, double size_mm)
     const Eigen::Vector3i cell = (c.p_camera_mm / size_mm).array().floor().cast<int>();
     Patch& patch = cells[{cell.x(), cell.y(), cell.z()}];
     patch.count += 1;
-    patch.residual_mm += c.residual_mm;
     patch.h += c.h;
     patch.centre_camera_mm += c.p_camera_mm;
     patch.residuals_mm.push_back(c.residual_mm);
   }
+  std::vector<double> counts;
+  for (const auto& [cell, patch] : cells) counts.push_back(patch.count);
+  const double least = kPatchShareMin * (counts.empty() ? 0 : median(counts));
   std::vector<Patch> result;
   for (auto& [cell, patch] : cells) {
-    patch.residual_mm /= patch.count;
+    if (patch.count < least) continue;
+    patch.residual_mm = median(patch.residuals_mm);
     patch.h /= patch.count;
     patch.centre_camera_mm /= patch.count;
     result.push_back(std::move(patch));
   }
   return result;
+}
+
+/// Leaves out the patches that are too far from the others. About their median: where they all lie
+/// off alike the pose is off, not they.
+void gate(std::vector<Patch>& patches) {
+  std::vector<double> residuals, magnitudes;
+  for (const Patch& p : patches) residuals.push_back(p.residual_mm);
+  const double middle = median(residuals);
+  for (const double r : residuals) magnitudes.push_back(std::abs(r - middle));
+  const double limit = kGate * kMadToSigma * median(magnitudes) + 1e-9;
+  std::erase_if(patches, [&](const Patch& p) { return std::abs(p.residual_mm - middle) > limit; });
 }
 
 /// 1 sigma of a point about its patch, robust.
@@ -225,12 +250,17 @@ SurfaceFit fuse_surface(const RigidFit& start, const std::vector<Eigen::Vector3d
     fit.overlap = points.empty()
                       ? 0
                       : static_cast<double>(on_surface.size()) / static_cast<double>(points.size());
-    if (on_surface.size() < 50 || fit.overlap < options.overlap_min) {
+    if (on_surface.size() < kContactsMin || fit.overlap < options.overlap_min) {
       fit.status = SurfaceFitStatus::no_overlap;
       return fit;
     }
     gate(on_surface);
-    const std::vector<Patch> grouped = patches(on_surface, options.patch_mm);
+    if (on_surface.size() < kContactsMin) {
+      fit.status = SurfaceFitStatus::no_overlap;
+      return fit;
+    }
+    std::vector<Patch> grouped = patches(on_surface, options.patch_mm);
+    gate(grouped);
     fit.noise_mm = point_noise_mm(grouped);
     const Model model{grouped, fit.noise_mm, options.correlation_mm};
     // The field is judged twice: at the start, and once the surfaces lie on each other.

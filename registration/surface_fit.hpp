@@ -4,7 +4,8 @@
 // independent from point to point: calibration bends it as a whole. So a random field is
 // part of the error model, and a thousand neighbours count little more than one. What the
 // calibration does to fiducials and surface alike (RigidFit::common_covariance) neither can tell,
-// and it stays in the result as it was.
+// and it stays in the result as it was. Steep places and the ragged ends of what was reconstructed
+// do not vote: near depth edges a matcher errs to one side.
 #pragma once
 
 #include <cstdint>

@@ -83,7 +83,8 @@ nlohmann::json summary(const std::string& sealed, const registration::CtRegistra
                                      {"displacement_mm", left_out.displacement_mm},
                                      {"p_value", left_out.p_value}});
   if (result.surface_fit)
-    json["surface_fit"] = {{"overlap", result.surface_fit->overlap},
+    json["surface_fit"] = {{"is_fused", result.is_fused},
+                           {"overlap", result.surface_fit->overlap},
                            {"noise_mm", result.surface_fit->noise_mm},
                            {"field_mm", result.surface_fit->field_mm},
                            {"shift_mm", result.surface_fit->shift_mm},
@@ -150,7 +151,8 @@ void add_register(CLI::App& app) {
       ->required();
   command->add_option("--fixed-surface", options->fixed_surface, "The CT's surface (PLY, STL)");
   command->add_option("--moving-surface", options->moving_surface, "The reconstruction (PLY)");
-  command->add_flag("--refine", options->is_refined, "Fuse the surfaces with the fiducials");
+  command->add_flag("--refine", options->is_refined,
+                    "Fuse the surfaces with the fiducials, where that gains");
   command->add_option("--target", options->targets, "x,y,z in the CT, mm; repeatable");
   command->add_option("--expect-ct", options->expected_ct,
                       "Series or frame of reference UID of the planned CT; another is refused");

@@ -77,6 +77,72 @@ TEST(CtRegistration, EqualLabelsDecideEvenWhereTheyAreWrong) {
   EXPECT_NE(register_ct(input).status, Status::registered);
 }
 
+/// Nearly a rectangle: half a turn is within the FRE's limit.
+RegistrationInput near_rectangle(double skew_mm) {
+  RegistrationInput input = good_input();
+  const Eigen::Vector3d corners[] = {
+      {-30, -30, 0}, {30 + skew_mm, -30, 0}, {30, 30, 0}, {-30, 30, 0}};
+  for (std::size_t k = 0; k < 4; ++k) {
+    input.fixed.points[k].position_mm = corners[k];
+    input.moving.points[k].position_mm = kTruth * corners[k];
+  }
+  return input;
+}
+
+TEST(CtRegistration, TellsAssignmentsApartOnlyByStatedCovariances) {
+  RecordProperty("requirement", "SR-86");
+  RegistrationInput input = near_rectangle(0.7);
+  const CtRegistration told_apart = register_ct(input);
+  ASSERT_EQ(told_apart.status, Status::registered) << told_apart.reason;
+  EXPECT_EQ(told_apart.labels[1], "aruco-2 = bead-2");
+  // Less exactly known points leave both possible, and so do points of which nothing is stated.
+  RegistrationInput vague = input;
+  for (MarkupPoint& p : vague.moving.points) *p.covariance_mm2 *= 4;
+  EXPECT_EQ(register_ct(vague).status, Status::ambiguous_correspondence);
+  RegistrationInput silent = input;
+  silent.moving.points[0].covariance_mm2.reset();
+  EXPECT_EQ(register_ct(silent).status, Status::ambiguous_correspondence);
+  EXPECT_EQ(register_ct(near_rectangle(0.1)).status, Status::ambiguous_correspondence);
+}
+
+/// A relief in the CT, and its points in the camera.
+void add_surfaces(RegistrationInput& input) {
+  constexpr std::uint32_t kSide = 61;
+  input.fixed_surface.emplace();
+  input.moving_surface.emplace();
+  for (std::uint32_t j = 0; j < kSide; ++j)
+    for (std::uint32_t i = 0; i < kSide; ++i) {
+      const double x = -30.0 + i, y = -30.0 + j;
+      const Eigen::Vector3d p{x, y, 6 * std::sin(x / 9) * std::cos(y / 7) + 2 * std::sin(x / 4)};
+      input.fixed_surface->vertices_mm.emplace_back(p.cast<float>());
+      input.moving_surface->vertices_mm.emplace_back((kTruth * p).cast<float>());
+      if (i + 1 == kSide || j + 1 == kSide) continue;
+      const std::uint32_t a = j * kSide + i;
+      input.fixed_surface->triangles.push_back({a, a + 1, a + kSide + 1});
+      input.fixed_surface->triangles.push_back({a, a + kSide + 1, a + kSide});
+    }
+  input.is_refined = true;
+}
+
+TEST(CtRegistration, FusesASurfaceOnlyWhereItGains) {
+  RecordProperty("requirement", "SR-134");
+  RegistrationInput good = good_input();
+  add_surfaces(good);
+  const CtRegistration kept = register_ct(good);
+  ASSERT_EQ(kept.status, Status::registered) << kept.reason;
+  EXPECT_FALSE(kept.is_fused);
+  EXPECT_EQ(kept.registration.T_camera_ct.matrix(), kept.fiducial_fit.T_camera_ct.matrix());
+  ASSERT_EQ(kept.notes.size(), 1U);
+  EXPECT_NE(kept.notes.front().find("stays"), std::string::npos) << kept.notes.front();
+
+  RegistrationInput poor = good;  // of the same points less is claimed
+  for (MarkupPoint& p : poor.moving.points) *p.covariance_mm2 *= 25;
+  const CtRegistration fused = register_ct(poor);
+  ASSERT_EQ(fused.status, Status::registered) << fused.reason;
+  EXPECT_TRUE(fused.is_fused);
+  EXPECT_LT(fused.registration.tre[0].rms_mm, 0.9 * kept.registration.tre[0].rms_mm * 5);
+}
+
 struct Case {
   const char* name;
   Status status;

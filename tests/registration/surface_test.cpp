@@ -285,6 +285,22 @@ TEST_F(FuseSurface, DoesNotHarmAGoodRegistration) {
   EXPECT_LT(std::sqrt(after / kRuns), 0.02);
 }
 
+/// Single points off to one side, a patch of their own each: what a matcher leaves at depth edges.
+TEST_F(FuseSurface, IsNotPulledByRaggedEnds) {
+  RecordProperty("requirement", "SR-87");
+  std::mt19937_64 random{27};
+  const RigidFit start = fiducial_fit(random);
+  std::vector<Eigen::Vector3d> surface = reconstruction(random);
+  const SurfaceFit clean = fuse_surface(start, surface, ct(), {});
+  for (double x = -43; x < 44; x += 4.3)
+    for (const double y : {-30.0, -26.0, 26.0, 30.0})
+      surface.push_back(kTruth * Eigen::Vector3d{x, y, height_mm(x, y) + 0.15});
+  const SurfaceFit ragged = fuse_surface(start, surface, ct(), {});
+  ASSERT_EQ(ragged.status, SurfaceFitStatus::fused);
+  const Eigen::Vector3d site{0, 0, height_mm(0, 0)};
+  EXPECT_LT((ragged.T_camera_ct * site - clean.T_camera_ct * site).norm(), 0.012);
+}
+
 TEST_F(FuseSurface, RefusesASurfaceThatContradictsTheFiducials) {
   RecordProperty("requirement", "SR-87");
   std::mt19937_64 random{23};
