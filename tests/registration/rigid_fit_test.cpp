@@ -74,7 +74,7 @@ double coverage(MakeSet make_set) {
 
 TEST(RigidFit, RecoversAnExactMotion) {
   FiducialSet set;
-  for (const Eigen::Vector3d& p : holders()) set.pairs.push_back({"", p, kTruth * p, {}, {}});
+  for (const Eigen::Vector3d& p : holders()) set.pairs.push_back({"", p, kTruth * p});
   const RigidFit fit = fit_rigid(set);
   ASSERT_EQ(fit.status, FitStatus::fitted);
   EXPECT_LT((fit.T_camera_ct.matrix() - kTruth.matrix()).cwiseAbs().maxCoeff(), 1e-10);
