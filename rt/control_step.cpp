@@ -116,10 +116,11 @@ safety::Inputs gate_inputs(Timestamp now, const ControlParameters& parameters,
   inputs.now = now;
   inputs.camera = state.camera;
   inputs.tracking = state.tracking;
+  const Timestamp t_pose = now + parameters.limits.pose_lead;
   inputs.prediction =
       readings.registration.is_loaded
-          ? state.filter.predict(now, parameters.filter, readings.registration.p_target_site_mm)
-          : state.filter.predict(now, parameters.filter);
+          ? state.filter.predict(t_pose, parameters.filter, readings.registration.p_target_site_mm)
+          : state.filter.predict(t_pose, parameters.filter);
   inputs.registration = readings.registration;
   inputs.optics = state.optics;
   inputs.optics.is_declared_fixed = parameters.optics_are_fixed;
@@ -188,7 +189,7 @@ ControlOutput control_step(Timestamp now, const ControlParameters& parameters,
   if (readings.robot_status) state.robot = *readings.robot_status;
   if (readings.optics) state.optics = *readings.optics;
 
-  // 2. Predict to now and ask the gate.
+  // 2. Predict to the instant of use and ask the gate.
   const safety::Inputs inputs = gate_inputs(now, parameters, readings, state);
   ControlOutput output;
   output.decision = safety::Gate::decide(parameters.limits, inputs, state.gate);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The control step: (time, parameters, readings, state) -> (output, state). A pure function: no
 // clock, no I/O, no heap, no locks, no logging, noexcept. It fuses stamped motion estimates in a
-// constant-velocity filter, predicts the site's pose to now, and asks the gate.
+// constant-velocity filter, predicts the site's pose to now + Limits::pose_lead, and asks the gate.
 //
 // The prediction's covariance and speed are about RegistrationInput::p_target_site_mm: the filter's
 // error (dq, dtheta) about the pivot becomes (dq + dtheta x lever, dtheta) with the lever from

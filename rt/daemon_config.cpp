@@ -122,6 +122,7 @@ safety::Limits read_limits(const ConfigSection& section, double frame_rate_hz) {
   limits.estimate_age_max =
       section.duration("estimate_age_max_ms", limits.estimate_age_max, {5, 500});
   limits.pose_validity = section.duration("pose_validity_ms", limits.pose_validity, {2, 20});
+  limits.pose_lead = section.duration("pose_lead_ms", limits.pose_lead, {0, 10});
   limits.robot_silence_max =
       section.duration("robot_silence_max_ms", limits.robot_silence_max, {10, 1'000});
   limits.loop_lateness_max =

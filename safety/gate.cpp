@@ -128,7 +128,7 @@ bool is_consistent(const Limits& limits, const Inputs& inputs, const Decision& d
     return approved.has_value() && decision.reasons.empty() && decision.cause == Reason::none &&
            state.is_keyframe_verified && inputs.registration.is_loaded &&
            approved->registration_id() == state.registration_id &&
-           approved->t_pose() == inputs.now && approved->validity() > Duration::zero() &&
+           approved->t_pose() == inputs.now + limits.pose_lead && approved->validity() > Duration::zero() &&
            is_rigid(approved->T_robot_ct(), kComposedTolerance) &&
            is_covariance(approved->covariance()) &&
            !exceeds(sigma_max_mm(approved->covariance()),
@@ -172,7 +172,7 @@ Decision Gate::decide(const Limits& limits, const Inputs& inputs, GateState& sta
     pose.T_robot_ct_ =
         inputs.T_robot_camera * prediction.T_camera_site * inputs.registration.T_site_ct;
     pose.covariance_ = rotated(inputs.T_robot_camera.linear(), covariance_at_target(inputs));
-    pose.t_pose_ = inputs.now;
+    pose.t_pose_ = inputs.now + limits.pose_lead;
     pose.validity_ = limits.pose_validity;
     pose.registration_id_ = inputs.registration.id;
     decision.approved = pose;

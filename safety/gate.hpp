@@ -147,12 +147,13 @@ struct GateState {
   Timestamp t_optics_doubted{};         ///< newest cycle with an optics reason
 };
 
-/// A pose a robot may act on until t_pose + validity. Only Gate can make one.
+/// A pose a robot may act on until its cycle + validity. Only Gate can make one.
 class ApprovedPose {
  public:
   [[nodiscard]] const Eigen::Isometry3d& T_robot_ct() const noexcept { return T_robot_ct_; }
   /// tx,ty,tz,rx,ry,rz (mm, rad; robot axes, about the target).
   [[nodiscard]] const Matrix6d& covariance() const noexcept { return covariance_; }
+  /// The instant it is for: its cycle + Limits::pose_lead.
   [[nodiscard]] Timestamp t_pose() const noexcept { return t_pose_; }
   [[nodiscard]] Duration validity() const noexcept { return validity_; }
   [[nodiscard]] std::uint64_t registration_id() const noexcept { return registration_id_; }

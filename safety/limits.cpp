@@ -21,12 +21,13 @@ double milliseconds(Duration duration) {
   return std::chrono::duration<double, std::milli>(duration).count();
 }
 
-std::array<Range, 22> ranges(const Limits& limits) {
+std::array<Range, 23> ranges(const Limits& limits) {
   return {{
       {"frame_period", "ms", milliseconds(limits.frame_period), 1, 1000},
       {"frame_lateness", "ms", milliseconds(limits.frame_lateness), 0.1, 500},
       {"estimate_age_max", "ms", milliseconds(limits.estimate_age_max), 1, 2000},
       {"pose_validity", "ms", milliseconds(limits.pose_validity), 1, 20},
+      {"pose_lead", "ms", milliseconds(limits.pose_lead), 0, 10},
       {"robot_silence_max", "ms", milliseconds(limits.robot_silence_max), 1, 1000},
       {"loop_lateness_max", "ms", milliseconds(limits.loop_lateness_max), 0.01, 20},
       {"clock_step_max", "ms", milliseconds(limits.clock_step_max), 0.001, 100},

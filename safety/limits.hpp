@@ -21,6 +21,9 @@ struct Limits {
   Duration estimate_age_max =
       std::chrono::milliseconds(90);  ///< exposure to now; bounds extrapolation
   Duration pose_validity = std::chrono::milliseconds(15);  ///< how long a robot may act on one pose
+  /// A pose is for the instant so long after its cycle: what the robot itself takes from a pose to
+  /// its beam. The uncertainty that this adds is in its covariance.
+  Duration pose_lead{0};
   Duration robot_silence_max = std::chrono::milliseconds(100);
   Duration loop_lateness_max =
       std::chrono::milliseconds(5);  ///< wake-up later than this: loop_overrun

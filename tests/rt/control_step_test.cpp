@@ -37,6 +37,34 @@ TEST_F(ControlStep, ApprovesThePredictedPoseWhileAllIsWell) {
   }
 }
 
+TEST_F(ControlStep, LeadsByWhatTheRobotTakesAndSaysWhatThatCosts) {
+  RecordProperty("requirement", "SR-124");
+  const auto follow = [this](std::chrono::nanoseconds lead) {
+    restart();
+    parameters.limits.pose_lead = lead;
+    reach_permitted();
+    struct Sums {
+      double against_use = 0, against_now = 0, sigma = 0;
+    } sums;
+    for (int i = 0; i < 500; ++i) {
+      cycle();
+      if (!output.decision.approved) ADD_FAILURE() << safety::name(output.decision.cause);
+      if (!output.decision.approved) break;
+      const Eigen::Vector3d p_target = inputs.registration.p_target_site_mm;
+      const Eigen::Vector3d approved = output.decision.approved->T_robot_ct().translation();
+      sums.against_use += (approved - testing::site_at(now + lead) * p_target).norm();
+      sums.against_now += (approved - testing::site_at(now) * p_target).norm();
+      sums.sigma += output.sigma_target_mm;
+    }
+    return sums;
+  };
+  const auto at_once = follow(std::chrono::milliseconds(0));
+  const auto leading = follow(std::chrono::milliseconds(10));
+  EXPECT_LT(leading.against_use, 2 * at_once.against_use);  // the site turns back meanwhile
+  EXPECT_GT(leading.against_now, 2 * leading.against_use);
+  EXPECT_GT(leading.sigma, 1.05 * at_once.sigma);
+}
+
 TEST_F(ControlStep, ASilentRobotHoldsFromTheDeadlineOfItsStatus) {
   reach_permitted();
   inputs.has_robot = false;

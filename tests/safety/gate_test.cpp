@@ -56,6 +56,15 @@ TEST_F(GateTest, PermitsOnceArmed) {
   EXPECT_EQ(decision.approved->registration_id(), test::kRegistrationId);
 }
 
+TEST_F(GateTest, APoseIsForTheInstantOfItsUse) {
+  RecordProperty("requirement", "SR-124");
+  limits.pose_lead = milliseconds(4);
+  const Decision decision = to_permitted();
+  ASSERT_TRUE(decision.approved);
+  EXPECT_EQ(decision.approved->t_pose(), now + milliseconds(4));
+  EXPECT_EQ(decision.approved->validity(), limits.pose_validity);
+}
+
 TEST_F(GateTest, DisarmingEndsPermission) {
   to_permitted();
   const Decision decision = command(Command::disarm);
