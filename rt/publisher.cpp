@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rt/publisher.hpp"
 
+#include <algorithm>
+
 #include "rt/core/clock.hpp"
 
 namespace holdfast::rt {
@@ -48,8 +50,10 @@ void Publisher::run(Mailbox<CycleReport>& reports, StopLatch& withdrawals,
   const std::optional<Stop> withdrawal = withdrawals.take();
   const bool is_approved = report_.output.decision.approved.has_value();
   if (withdrawal && (is_approved || !is_new_report)) publish_overtaken(*withdrawal);
-  // A withdrawal that is newer than the report: its pose must not go out any more.
-  const bool is_withdrawn = withdrawal && withdrawal->sequence >= report_.cycles;
+  // A withdrawal that is newer than the report: its pose must not go out any more, nor in a later
+  // run, for the report may come after it.
+  if (withdrawal) withdrawn_until_ = std::max(withdrawn_until_, withdrawal->sequence);
+  const bool is_withdrawn = report_.cycles <= withdrawn_until_;
   if (is_new_report && !(is_approved && is_withdrawn)) publish_decision();
   const bool is_new = estimates.try_take(estimate_);
   if (is_new || monotonic_now() - t_health_published_ >= kHealthPeriod)

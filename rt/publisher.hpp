@@ -69,6 +69,7 @@ class Publisher {
   Eigen::Vector3d p_target_ct_mm_;
   safety::ReasonSet advisories_;
   CycleReport report_;
+  std::uint64_t withdrawn_until_ = 0;  ///< cycle of the newest withdrawal
   StampedEstimate estimate_;
   safety::Mode sent_mode_ = safety::Mode::init;  // of the newest MotionStop sent
   safety::Reason sent_cause_ = safety::Reason::none;

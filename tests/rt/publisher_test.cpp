@@ -135,6 +135,21 @@ TEST_F(PublisherTest, SendsNoPoseThatIsOlderThanAWithdrawal) {
   EXPECT_TRUE(heard_poses.empty());
 }
 
+TEST_F(PublisherTest, SendsNoPoseThatIsOlderThanAWithdrawalThatItToldBefore) {
+  RecordProperty("requirement", "SR-73");
+  withdrawals.raise(0, cycles + 2);
+  run();  // the withdrawal of the second cycle is told ...
+  report(permitted());
+  run();  // ... before the report of the first is there
+  publisher.publish_end();
+  ASSERT_TRUE(dds::eventually([&] {
+    collect();
+    return heard_stops.size() >= 2;
+  }));
+  for (const msg::MotionStop& stop : heard_stops) EXPECT_FALSE(stop.is_permitted);
+  EXPECT_TRUE(heard_poses.empty());
+}
+
 TEST_F(PublisherTest, SaysWithEachHealthMessageThatItIsNotRealTime) {
   RecordProperty("requirement", "SR-75");
   estimates.publish({});
