@@ -36,6 +36,8 @@ constexpr const char* kExample =
     "Paper B's experiment, its three scenes and two paths, and a first look at one of each\n"
     "  holdfast study --tracking --out tracking/\n"
     "  holdfast study --tracking --out look/ --scenes cavity_bone --motions spiral:0.2\n"
+    "and where the beam of a robot lands that follows, compensated and not\n"
+    "  holdfast study --tracking --out beam/ --scenes cavity_bone --motions spiral:0.2 --beam\n"
     "Writes report.html (one self-contained page) and results.csv (every reconstruction); "
     "settings\n"
     "are in study.json before the first image is made. A rig is a program that answers requests "
@@ -51,7 +53,8 @@ struct Options {
 
   TrackingSettings tracking;
   std::vector<std::string> scenes{"cavity_bone", "cavity_covered", "cavity_bloody"};
-  bool is_tracking = false;
+  std::vector<std::string> beam_motions{"still:2", "linear:0.2", "breathing", "tilt", "bump"};
+  bool is_tracking = false, is_beam = false;
 };
 
 void show(int done, int all, const std::string& what) {
@@ -148,6 +151,7 @@ void run_tracking(Options& options) {
   TrackingSettings& s = options.tracking;
   s.calibration_pairs = options.settings.calibration_pairs;
   s.setup = options.settings.setup;
+  if (options.is_beam) s.beam_motions = options.beam_motions;
   if (options.settings.zooms.size() == 1) s.zoom = options.settings.zooms.front();
   if (!options.rig.empty()) s.scenes = {{"rig", rig_command(options.rig)}};
   for (const std::string& scene : options.scenes)
@@ -231,6 +235,14 @@ void add_study(CLI::App& app) {
       ->default_val(std::vector<std::string>{"linear", "spiral"});
   study->add_option("--rate", options->tracking.rate_hz, "With --tracking: frames/s")
       ->check(CLI::Range(1.0, 240.0))
+      ->capture_default_str();
+  study->add_flag("--beam", options->is_beam,
+                  "With --tracking: also where the beam lands of a robot that follows");
+  study->add_option("--beam-motions", options->beam_motions, "With --beam")
+      ->delimiter(',')
+      ->capture_default_str();
+  study->add_option("--beam-rate", options->tracking.beam_rate_hz, "With --beam: frames/s")
+      ->check(CLI::Range(10.0, 240.0))
       ->capture_default_str();
   study->add_flag("--json", options->is_json, "Print one JSON object on stdout");
   study->footer(kExample);

@@ -42,6 +42,41 @@ nlohmann::ordered_json as_json(const TrackingRow& row) {
   return json;
 }
 
+nlohmann::ordered_json as_json(const BeamRow& row) {
+  nlohmann::ordered_json json{{"scene", row.scene},
+                              {"motion", row.motion},
+                              {"lead_ms", 1e-6 * static_cast<double>(row.lead.count())}};
+  if (!row.refusal.empty()) {
+    json["refusal"] = row.refusal;
+    return json;
+  }
+  json["on_s"] = figure(row.judged.on_s);
+  json["on_share"] = figure(row.judged.on_share);
+  json["rms_um"] = figure(row.judged.rms_um);
+  json["p99_um"] = figure(row.judged.p99_um);
+  json["max_um"] = figure(row.judged.max_um);
+  json["uncompensated_rms_um"] = figure(row.judged.uncompensated_rms_um);
+  json["stops"] = row.stops;
+  json["stop_causes"] = row.stop_causes;
+  return json;
+}
+
+void print_beam(const TrackingResult& result) {
+  if (result.beam.empty()) return;
+  fmt::print("\n{:<15} {:<14} {:>8} {:>10} {:>8} {:>8} {:>11} {:>10} {:>6}\n", "beam", "motion",
+             "lead, ms", "rms, um", "p99", "largest", "staying", "permitted", "stops");
+  for (const BeamRow& row : result.beam) {
+    const BeamJudgement& j = row.judged;
+    const double lead_ms = 1e-6 * static_cast<double>(row.lead.count());
+    if (row.refusal.empty())
+      fmt::print("{:<15} {:<14} {:>8.1f} {:>10.2f} {:>8.1f} {:>8.1f} {:>11.1f} {:>8.1f} % {:>6}\n",
+                 row.scene, row.motion, lead_ms, j.rms_um, j.p99_um, j.max_um,
+                 j.uncompensated_rms_um, 100 * j.on_share, row.stops);
+    else
+      fmt::print("{:<15} {:<14} refused: {}\n", row.scene, row.motion, row.refusal);
+  }
+}
+
 void print(const TrackingResult& result) {
   fmt::print("{:<15} {:<10} {:<7} {:>20} {:>12} {:>10} {:>6} {:>7}\n", "scene", "motion", "method",
              "frame to frame, um", "since key", "largest", "lost", "silent");
@@ -55,6 +90,7 @@ void print(const TrackingResult& result) {
       fmt::print("{:<15} {:<10} {:<7} refused: {}\n", row.scene, row.motion, row.method,
                  row.refusal);
   }
+  print_beam(result);
 }
 
 }  // namespace
@@ -65,11 +101,14 @@ void study_tracking(const TrackingSettings& settings, const std::string& out, bo
   const TrackingResult result = run_tracking_study(settings, out, progress);
   const std::filesystem::path folder = out;
   bridge::write_file_atomically((folder / "results.csv").string(), tracking_csv(result));
+  if (!result.beam.empty())
+    bridge::write_file_atomically((folder / "beam.csv").string(), beam_csv(result));
   bridge::write_file_atomically((folder / "report.html").string(), tracking_html(settings, result));
   if (!is_json) return print(result);
   nlohmann::ordered_json json{{"out", out}, {"calibration_rms_px", result.calibration_rms_px}};
   json["rows"] = nlohmann::ordered_json::array();
   for (const TrackingRow& row : result.rows) json["rows"].push_back(as_json(row));
+  for (const BeamRow& row : result.beam) json["beam"].push_back(as_json(row));
   fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
 }
 

@@ -195,6 +195,27 @@ TrackingJudgement Rig::tracking_error(const TrackingQuestion& question) {
   return judgement;
 }
 
+std::chrono::nanoseconds Rig::robot_lag() {
+  const double lag_ms = figure(request({{"do", "robot"}}), "lag_ms");
+  if (!(lag_ms >= 0)) throw RefusedError(name_ + ": robot: lag_ms is missing");
+  return std::chrono::nanoseconds(std::llround(1e6 * lag_ms));
+}
+
+BeamJudgement Rig::beam_error(const BeamQuestion& question) {
+  json what = as_json(question.sequence);
+  what["do"] = "beam-error";
+  what["commands"] = question.commands.string();
+  what["calibration"] = question.calibration.string();
+  what["rows"] = question.rows.string();
+  const json answer = request(what);
+  return {.on_s = figure(answer, "on_s"),
+          .on_share = figure(answer, "on_share"),
+          .rms_um = figure(answer, "rms_um"),
+          .p99_um = figure(answer, "p99_um"),
+          .max_um = figure(answer, "max_um"),
+          .uncompensated_rms_um = figure(answer, "uncompensated_rms_um")};
+}
+
 void Rig::report_end() const {
   if (bridge::is_interrupted()) throw InterruptedError("interrupted");
   std::string said(4096, '\0');

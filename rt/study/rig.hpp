@@ -5,6 +5,7 @@
 // it: only "depth-error" is answered from it, with figures.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <limits>
 #include <string>
@@ -82,6 +83,18 @@ struct TrackingQuestion {
   std::filesystem::path rows;         ///< to be written: the errors of each frame (CSV)
 };
 
+/// What a robot was told, and where its beam truly landed. NaN: it never was on.
+struct BeamQuestion {
+  SequenceRequest sequence;           ///< that was followed
+  std::filesystem::path commands;     ///< CSV of run_closed_loop()
+  std::filesystem::path calibration;  ///< stereo.yaml it was tracked with
+  std::filesystem::path rows;         ///< to be written: target and beam, a row a millisecond (CSV)
+};
+struct BeamJudgement {
+  double on_s = 0, on_share = 0;  ///< laser on; of the time since it first was
+  double rms_um = 0, p99_um = 0, max_um = 0, uncompensated_rms_um = 0;
+};
+
 class Rig {
  public:
   /// Starts the command. Throws UnavailableError when it cannot be.
@@ -105,6 +118,10 @@ class Rig {
   [[nodiscard]] RigSequence sequence(const SequenceRequest& wanted);
   /// Only of a rig that knows the truth.
   [[nodiscard]] TrackingJudgement tracking_error(const TrackingQuestion& question);
+  /// How late its robot's beam follows a slow motion.
+  [[nodiscard]] std::chrono::nanoseconds robot_lag();
+  /// Only of a rig that knows the truth.
+  [[nodiscard]] BeamJudgement beam_error(const BeamQuestion& question);
 
  private:
   [[nodiscard]] nlohmann::json request(const nlohmann::json& what);

@@ -40,6 +40,10 @@ std::string number(double value, int decimals = 1) {
   return std::isfinite(value) ? fmt::format("{:.{}f}", value, decimals) : "–";
 }
 
+std::string cell(double value) {
+  return std::isfinite(value) ? fmt::format("{:.5g}", value) : std::string();
+}
+
 const char* label_of(const std::string& method) {
   for (const Shown& shown : kShown)
     if (method == shown.method) return shown.label;
@@ -132,6 +136,34 @@ std::string table2(const TrackingResult& result) {
   return html;
 }
 
+std::string beam_table(const TrackingSettings& settings, const TrackingResult& result) {
+  if (result.beam.empty()) return {};
+  std::string html = fmt::format(
+      "<h2>Where the beam lands</h2>\n<p>A simulated robot steers its beam by the poses that the "
+      "control step permits (every millisecond, {:g} frames/s), with a dead time and a bandwidth "
+      "of its own. Registration and hand-eye calibration are exact here, and the times that a "
+      "network adds are set, not measured. Each motion begins with a second at rest. \"Lead\": "
+      "how far ahead poses are predicted; none, or by what this robot follows late.</p>\n"
+      "<table><tr><th>scene</th><th>motion</th><th>lead, ms</th><th>beam from target,<br>rms, µm"
+      "</th><th>p99, µm</th><th>largest, µm</th><th>a beam that<br>stays, rms, µm</th>"
+      "<th>permitted</th><th>stops</th></tr>\n",
+      settings.beam_rate_hz);
+  for (const BeamRow& row : result.beam) {
+    html += fmt::format("<tr><td>{}</td><td>{}</td><td>{:.1f}</td>", escaped(row.scene),
+                        escaped(row.motion), 1e-6 * static_cast<double>(row.lead.count()));
+    if (!row.refusal.empty()) {
+      html += fmt::format("<td colspan=\"6\">refused: {}</td></tr>\n", escaped(row.refusal));
+      continue;
+    }
+    const BeamJudgement& j = row.judged;
+    html += fmt::format(
+        "<td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{:.1f} %</td><td>{}{}{}</td></tr>\n",
+        number(j.rms_um, 2), number(j.p99_um), number(j.max_um), number(j.uncompensated_rms_um),
+        100 * j.on_share, row.stops, row.stop_causes.empty() ? "" : ": ", row.stop_causes);
+  }
+  return html + "</table>\n";
+}
+
 std::string charts(const TrackingResult& result) {
   std::string fig6 = "<h2>Errors from frame to frame, µm (the published Fig. 6)</h2>\n",
               fig7 =
@@ -161,9 +193,6 @@ std::string tracking_csv(const TrackingResult& result) {
   std::string csv =
       "scene,motion,method,frames,lost,silently_wrong,step_mean_um,step_sd_um,absolute_rms_um,"
       "absolute_max_um,depth_rms_um,rotation_rms_mrad,frame_median_ms,refusal\n";
-  const auto cell = [](double value) {
-    return std::isfinite(value) ? fmt::format("{:.5g}", value) : std::string();
-  };
   for (const TrackingRow& row : result.rows) {
     const TrackingJudgement& j = row.judged;
     csv += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", row.scene, row.motion,
@@ -175,9 +204,23 @@ std::string tracking_csv(const TrackingResult& result) {
   return csv;
 }
 
+std::string beam_csv(const TrackingResult& result) {
+  std::string csv =
+      "scene,motion,lead_ms,on_s,on_share,rms_um,p99_um,max_um,uncompensated_rms_um,stops,"
+      "stop_causes,refusal\n";
+  for (const BeamRow& row : result.beam) {
+    const BeamJudgement& j = row.judged;
+    csv += fmt::format("{},{},{:.3f},{},{},{},{},{},{},{},{},{}\n", row.scene, row.motion,
+                       1e-6 * static_cast<double>(row.lead.count()), cell(j.on_s), cell(j.on_share),
+                       cell(j.rms_um), cell(j.p99_um), cell(j.max_um), cell(j.uncompensated_rms_um),
+                       row.stops, row.stop_causes, row.refusal);
+  }
+  return csv;
+}
+
 std::string tracking_html(const TrackingSettings& settings, const TrackingResult& result) {
   return page_head("Holdfast: tracking study") + heading(settings, result) + table1(result) +
-         table2(result) + charts(result) +
+         table2(result) + beam_table(settings, result) + charts(result) +
          "<p>Every row is in <code>results.csv</code>, every frame's error in "
          "<code>SCENE/MOTION/METHOD_errors.csv</code> beside this page.</p>\n</body></html>\n";
 }

@@ -21,6 +21,7 @@
 #include "registration/reconstruction.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "rt/core/error.hpp"
+#include "rt/study/closed_loop.hpp"
 #include "rt/study/illumination.hpp"
 #include "rt/study/setup_flow.hpp"
 #include "rt/study/study_files.hpp"
@@ -50,28 +51,41 @@ perception::CameraModel camera_of(const registration::ZoomCalibration& zoom,
   return camera;
 }
 
-/// Follows the frames; `row` gets the times, or why there is nothing.
+struct Followed {
+  std::vector<MotionEstimate> estimates;  ///< one a frame, from the keyframe's own on
+  std::string refusal;                    ///< why there are none
+};
+
 template <typename AnyTracker>
-std::string follow(AnyTracker tracker, const fs::path& frames,
-                   const perception::SiteGeometry& geometry, TrackingRow& row) {
+Followed follow(AnyTracker tracker, const fs::path& frames,
+                const perception::SiteGeometry& geometry) {
   bridge::ImageSequence sequence(frames.string(), std::nullopt);
-  std::string csv = trajectory_header();
-  StageStatistics stages;
+  Followed followed;
   while (const auto frame = sequence.next()) {
     if (frame->index == 0) {
       const TrackingReason reason = tracker.set_keyframe(frame->image, geometry);
       if (reason != TrackingReason::none) {
-        row.refusal = fmt::format("the keyframe cannot serve: {}", name(reason));
-        return {};
+        followed.refusal = fmt::format("the keyframe cannot serve: {}", name(reason));
+        return followed;
       }
     }
-    const MotionEstimate estimate = tracker.track(frame->image, frame->t);
-    csv += trajectory_row(frame->index, frame->t, estimate);
-    if (frame->index == 0) continue;
-    stages.add(estimate.times);
+    followed.estimates.push_back(tracker.track(frame->image, frame->t));
   }
-  row.stages = stages.stages();
+  return followed;
+}
+
+std::string poses_csv(const std::vector<MotionEstimate>& estimates) {
+  std::string csv = trajectory_header();
+  int frame = 0;
+  for (const MotionEstimate& estimate : estimates)
+    csv += trajectory_row(frame++, estimate.t_exposure, estimate);
   return csv;
+}
+
+std::vector<StageTime> times_of(const std::vector<MotionEstimate>& estimates) {
+  StageStatistics stages;
+  for (std::size_t i = 1; i < estimates.size(); ++i) stages.add(estimates[i].times);
+  return stages.stages();
 }
 
 /// The columns of the rig's error table.
@@ -100,8 +114,9 @@ class TrackingStudy {
   TrackingStudy(const TrackingSettings& settings, const fs::path& folder,
                 const StudyProgress& progress)
       : settings_(settings), folder_(fs::absolute(folder)), progress_(progress) {
-    all_ =
-        static_cast<int>(settings_.scenes.size() * settings_.motions.size() * std::size(kMethods));
+    const std::size_t each =
+        settings_.motions.size() * std::size(kMethods) + settings_.beam_motions.size();
+    all_ = static_cast<int>(settings_.scenes.size() * each);
   }
 
   TrackingResult run() {
@@ -161,12 +176,7 @@ class TrackingStudy {
     tell(scene + ": depth");
     const cv::Mat1f depth_mm = reconstruct(rig, out);
     for (const std::string& motion : settings_.motions) {
-      SequenceRequest request;
-      request.out = out / motion / "frames";
-      request.zoom = settings_.zoom;
-      request.motion = motion;
-      request.rate_hz = settings_.rate_hz;
-      request.lamps = "microscope";  // as a surgeon works, and paper B's frames are lit
+      const SequenceRequest request = wanted(out / motion, motion, settings_.rate_hz);
       tell(fmt::format("{}, {}: frames", scene, motion));
       const RigSequence sequence = rig.sequence(request);
       const cv::Mat1f seen_mm = depth_mm(sequence.region_px).clone();
@@ -184,24 +194,78 @@ class TrackingStudy {
         ++done_;
       }
     }
+    for (const std::string& motion : settings_.beam_motions) {
+      steer(rig, scene, motion, depth_mm);
+      ++done_;
+    }
+  }
+
+  [[nodiscard]] SequenceRequest wanted(const fs::path& out, const std::string& motion,
+                                       double rate_hz) const {
+    SequenceRequest request;
+    request.out = out / "frames";
+    request.zoom = settings_.zoom;
+    request.motion = motion;
+    request.rate_hz = rate_hz;
+    request.lamps = "microscope";  // as a surgeon works, and paper B's frames are lit
+    return request;
+  }
+
+  /// Where the beam lands, with poses for now and with poses for when the robot has followed.
+  void steer(Rig& rig, const std::string& scene, const std::string& motion,
+             const cv::Mat1f& depth_mm) {
+    const fs::path out = folder_ / scene / ("beam_" + motion);
+    const SequenceRequest request = wanted(out, "still:1," + motion, settings_.beam_rate_hz);
+    tell(fmt::format("{}, beam, {}: frames", scene, motion));
+    const RigSequence sequence = rig.sequence(request);
+    tell(fmt::format("{}, beam, {}", scene, motion));
+    const Followed followed =
+        follow(perception::DirectTracker(camera_of(*zoom_, sequence.region_px), {}), request.out,
+               perception::SiteDepth{depth_mm(sequence.region_px).clone()});
+    const std::chrono::nanoseconds lag = rig.robot_lag();
+    for (const std::chrono::nanoseconds lead : {std::chrono::nanoseconds(0), lag}) {
+      BeamRow row;
+      row.scene = scene;
+      row.motion = motion;
+      row.refusal = followed.refusal;
+      row.lead = lead;
+      if (row.refusal.empty()) {
+        ClosedLoopSettings loop;
+        loop.rate_hz = settings_.beam_rate_hz;
+        loop.pose_lead = lead;
+        loop.p_target_site_mm = {0, 0, zoom_->focus_mm};
+        const ClosedLoopRun run = run_closed_loop(followed.estimates, loop);
+        const std::string name = lead.count() == 0 ? "now" : "lead";
+        const BeamQuestion question{request, out / (name + "_commands.csv"),
+                                    folder_ / "stereo.yaml", out / (name + "_beam.csv")};
+        bridge::write_file_atomically(question.commands.string(), run.commands);
+        row.judged = rig.beam_error(question);
+        row.stops = run.stops;
+        row.stop_causes = run.stop_causes;
+      }
+      result_.beam.push_back(std::move(row));
+    }
+    fs::remove_all(request.out);  // many, and only these two runs need them
   }
 
   void measure(Rig& rig, const SequenceRequest& request, const perception::CameraModel& camera,
                const cv::Mat1f& depth_mm, TrackingRow& row) {
     const perception::SiteGeometry site = perception::SiteDepth{depth_mm};
     const perception::TrackerParameters parameters;
-    std::string csv;
+    Followed followed;
     if (row.method == "direct")
-      csv = follow(perception::DirectTracker(camera, parameters), request.out, site, row);
+      followed = follow(perception::DirectTracker(camera, parameters), request.out, site);
     else if (row.method == "orb")
-      csv = follow(perception::Tracker(camera, parameters), request.out, site, row);
+      followed = follow(perception::Tracker(camera, parameters), request.out, site);
     else
-      csv = follow(perception::PaperTracker(camera, parameters), request.out, site, row);
+      followed = follow(perception::PaperTracker(camera, parameters), request.out, site);
+    row.refusal = followed.refusal;
     if (!row.refusal.empty()) return;
+    row.stages = times_of(followed.estimates);
     const fs::path out = request.out.parent_path();
     TrackingQuestion question{request, out / (row.method + ".csv"), folder_ / "stereo.yaml",
                               out / (row.method + "_errors.csv")};
-    bridge::write_file_atomically(question.poses.string(), csv);
+    bridge::write_file_atomically(question.poses.string(), poses_csv(followed.estimates));
     row.judged = rig.tracking_error(question);
     read_errors(question.rows, row);
   }

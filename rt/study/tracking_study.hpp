@@ -4,6 +4,7 @@
 // paper's own method, on the same frames.
 #pragma once
 
+#include <chrono>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -29,6 +30,10 @@ struct TrackingSettings {
   double zoom = 1.3;
   int calibration_pairs = 19;
   SetupParameters setup;
+  /// Where the beam lands of a robot that follows the tracked pose; none: not asked. Each begins
+  /// with a second at rest, in which permission is given.
+  std::vector<std::string> beam_motions;
+  double beam_rate_hz = 60;
 };
 
 /// One scene, motion and method.
@@ -41,8 +46,19 @@ struct TrackingRow {
   std::vector<double> step_x_um, step_y_um;  ///< how wrong; errors of two frames in turn
 };
 
+/// One scene and motion, steered by the direct tracker's poses.
+struct BeamRow {
+  std::string scene, motion;
+  std::string refusal;              ///< why nothing below counts
+  std::chrono::nanoseconds lead{};  ///< that poses were predicted ahead: none, or the robot's lag
+  BeamJudgement judged;
+  int stops = 0;
+  std::string stop_causes;
+};
+
 struct TrackingResult {
   std::vector<TrackingRow> rows;
+  std::vector<BeamRow> beam;
   double calibration_rms_px = 0;
   std::map<std::string, double> depth_coverage;  ///< of the frame, a scene
 };

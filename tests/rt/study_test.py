@@ -172,7 +172,8 @@ def setup(folder, rig_command):
 def tracking(folder):
     """Paper B's experiment, its spiral a twentieth as large."""
     small = ["study", "--tracking", "--out", folder, "--scenes", "cavity_bone", "--pairs", "12"]
-    code, out, err = run(*small, "--motions", "spiral:0.05", "--json")
+    code, out, err = run(*small, "--motions", "spiral:0.05", "--beam", "--beam-motions", "linear:0.02",
+                         "--beam-rate", "20", "--json")
     check(code == 0 and err == "", f"the tracking study ends well, silently ({code}: {err.strip()})")
     rows = {row["method"]: row for row in json.loads(out)["rows"]}
     check(sorted(rows) == ["direct", "orb", "paper"], "three methods on the same frames")
@@ -182,6 +183,13 @@ def tracking(folder):
     check(ours["absolute_rms_um"] < 3, f"ours: {ours['absolute_rms_um']:.2f} um since the keyframe")
     check(ours["step_mean_um"] < paper["step_mean_um"] / 5,
           f"the paper's: {paper['step_mean_um']:.1f} um from frame to frame")
+    now, ahead = json.loads(out)["beam"]
+    check(now["lead_ms"] == 0 and 1 < ahead["lead_ms"] < 10 and now["stops"] == 0 == ahead["stops"],
+          f"the beam, with poses for now and for when the robot has followed ({now}, {ahead})")
+    check(now["on_share"] == ahead["on_share"] == 1 and
+          ahead["rms_um"] < now["rms_um"] < now["uncompensated_rms_um"],
+          f"... lands {ahead['rms_um']:.1f}, {now['rms_um']:.1f}, uncompensated "
+          f"{now['uncompensated_rms_um']:.0f} um from its target")
     html = (folder / "report.html").read_text()
     check("<script" not in html and "Not for clinical use" in html and "327" in html,
           "the page runs nothing and quotes the paper")

@@ -23,8 +23,9 @@ constexpr const char* kExample =
     "Example: one pair under one pattern, and the same ear without it\n"
     "  echo '{\"do\": \"pair\", \"zoom\": 1.3, \"pattern\": \"dots.png\", \"off\": true, "
     "\"out\": \"pair\"}' | holdfast-sim rig\n"
-    "Each line on stdin is a request: \"do\" is boards, ct, pair, depth-error, sequence "
-    "or\ntracking-error (docs/interfaces.md, \"Rig\"). Each is answered by one line on stdout, "
+    "Each line on stdin is a request: \"do\" is boards, ct, pair, depth-error, "
+    "sequence,\ntracking-error, robot or beam-error (docs/interfaces.md, \"Rig\"). Each is "
+    "answered by one line on stdout, "
     "{\"error\": ...} "
     "when it failed. Ends with its\ninput. Paths are relative to where it runs; the same requests "
     "give the same images.";

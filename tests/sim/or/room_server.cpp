@@ -13,6 +13,7 @@
 #include "bridge/depth_file.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "rt/core/error.hpp"
+#include "tests/sim/or/beam_error.hpp"
 #include "tests/sim/or/calibration_error.hpp"
 #include "tests/sim/or/ct_scanner.hpp"
 #include "tests/sim/or/depth_error.hpp"
@@ -128,7 +129,14 @@ json sequence_of(const RoomConfig& config, RoomScene& scene, const std::string& 
   return {{"frames", files.frames}, {"region_px", {r.x, r.y, r.width, r.height}}};
 }
 
-json tracking_error_of(const json& request, const RoomConfig& config) {
+/// What judges a sequence's tracking: how the site moved, told in the calibration's camera frame.
+struct SequenceTruth {
+  Trajectory motion;
+  Eigen::Isometry3d T_camera_ideal;
+  double depth_mm;
+};
+
+SequenceTruth truth_of(const json& request, const RoomConfig& config) {
   const Microscope microscope(config.optics);
   const auto calibration =
       registration::read_stereo_calibration(member<std::string>(request, "calibration"));
@@ -136,9 +144,14 @@ json tracking_error_of(const json& request, const RoomConfig& config) {
       frame_of(registration::calibration_at_zoom(calibration, config.zoom),
                microscope.at(config.zoom, config.visit)) *
       ideal_calibration(microscope.at(config.zoom)).T_camera_head.inverse(Eigen::Isometry);
-  const Trajectory truth(config.motion, config.motion_scale, false, microscope.focus_mm());
-  const TrackingError e = tracking_error(member<std::string>(request, "poses"), truth,
-                                         T_camera_ideal, microscope.focus_mm());
+  return {Trajectory(config.motion, config.motion_scale, false, microscope.focus_mm()),
+          T_camera_ideal, microscope.focus_mm()};
+}
+
+json tracking_error_of(const json& request, const RoomConfig& config) {
+  const SequenceTruth truth = truth_of(request, config);
+  const TrackingError e = tracking_error(member<std::string>(request, "poses"), truth.motion,
+                                         truth.T_camera_ideal, truth.depth_mm);
   bridge::write_file_atomically(member<std::string>(request, "rows"), e.rows);
   return {{"frames", e.frames},
           {"lost", e.lost},
@@ -149,6 +162,19 @@ json tracking_error_of(const json& request, const RoomConfig& config) {
           {"absolute_max_um", number(e.absolute_max_um)},
           {"depth_rms_um", number(e.depth_rms_um)},
           {"rotation_rms_mrad", number(e.rotation_rms_mrad)}};
+}
+
+json beam_error_of(const json& request, const RoomConfig& config) {
+  const SequenceTruth truth = truth_of(request, config);
+  const BeamError e = beam_error(member<std::string>(request, "commands"), truth.motion,
+                                 truth.T_camera_ideal, truth.depth_mm, {});
+  bridge::write_file_atomically(member<std::string>(request, "rows"), e.rows);
+  return {{"on_s", e.on_s},
+          {"on_share", e.on_share},
+          {"rms_um", number(e.rms_um)},
+          {"p99_um", number(e.p99_um)},
+          {"max_um", number(e.max_um)},
+          {"uncompensated_rms_um", number(e.uncompensated_rms_um)}};
 }
 
 }  // namespace
@@ -174,14 +200,20 @@ json RoomServer::answer(const json& request, const Progress& progress) {
     const auto out = member<std::string>(request, "out");
     return {{"files", write_calibration_images(config, out, progress).files}};
   }
-  const bool is_sequence = what == "sequence", is_tracking_error = what == "tracking-error";
-  if (what != "pair" && what != "depth-error" && !is_sequence && !is_tracking_error)
-    throw InputError(fmt::format(
-        "request {}: 'do' must be boards, ct, pair, depth-error, sequence or tracking-error",
-        request.dump()));
+  if (what == "robot")
+    return {{"lag_ms", std::chrono::duration<double, std::milli>(BeamRobot{}.lag()).count()}};
+  const bool is_sequence = what == "sequence", is_tracking_error = what == "tracking-error",
+             is_beam_error = what == "beam-error";
+  if (what != "pair" && what != "depth-error" && !is_sequence && !is_tracking_error &&
+      !is_beam_error)
+    throw InputError(
+        fmt::format("request {}: 'do' must be boards, ct, pair, depth-error, sequence, "
+                    "tracking-error, robot or beam-error",
+                    request.dump()));
   config.zoom = zoom_of(request);
-  if (is_sequence || is_tracking_error) set_motion(request, config);
+  if (is_sequence || is_tracking_error || is_beam_error) set_motion(request, config);
   if (is_tracking_error) return tracking_error_of(request, config);
+  if (is_beam_error) return beam_error_of(request, config);
   StereoWish wish{whole(request, "pose", 0, kPoseMax), {}, false};
   config.poses = *wish.only_pose + 1;  // a pose does not depend on how many come after it
   if (what == "depth-error") return error_of(request, config, scene());

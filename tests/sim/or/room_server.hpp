@@ -25,12 +25,15 @@ class RoomServer {
   ///    "random"; none), `off` (false: also a pair without the pattern): as write_stereo_images;
   ///  - "depth-error": `zoom`, `pose`, `calibration` (stereo.yaml), `depth` (TIFF, rectified
   ///    left): the answer is a DepthError, `*_mm` null where nothing is known. Of the truth nothing
-  ///    else is answered, but by "tracking-error";
+  ///    else is answered, but by "tracking-error" and "beam-error";
   ///  - "sequence": `zoom`, `motion`, `rate_hz`, `out`, `lamps`, and if wanted `frames_max`: as
   ///    write_sequence: {"frames", "region_px": [x, y, width, height]};
   ///  - "tracking-error": the same `zoom`, `motion` and `rate_hz`, `calibration` (stereo.yaml),
   ///    `poses` (poses.csv of `holdfast track`), `rows` (a CSV to be written: the error of each
-  ///    frame): the answer is a TrackingError.
+  ///    frame): the answer is a TrackingError;
+  ///  - "robot": {"lag_ms"}: how late its beam follows;
+  ///  - "beam-error": as "tracking-error", but `commands` (what the robot was told, CSV) for
+  ///    `poses`: the answer is a BeamError.
   /// Other answers: {"files": count}. Throws holdfast::Error; InputError for such a request.
   [[nodiscard]] nlohmann::json answer(const nlohmann::json& request, const Progress& progress);
 
