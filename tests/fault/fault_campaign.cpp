@@ -12,6 +12,7 @@
 #include "bridge/command_line.hpp"
 #include "rt/core/error.hpp"
 #include "tests/fault/campaign.hpp"
+#include "tests/fault/injections.hpp"
 
 namespace holdfast::fault {
 namespace {
@@ -24,6 +25,7 @@ struct Options {
   std::string replay_class;
   std::uint64_t replay_seed = 0;
   bool is_without_guard = false;
+  std::uint64_t injections = 0;
 };
 
 struct ClassResult {
@@ -141,6 +143,46 @@ int campaign(const Options& options) {
   return 1;
 }
 
+/// Which injection shows this weakness first; empty: none.
+std::string shown_by(Weakness weakness, std::uint64_t seed) {
+  constexpr std::uint64_t kEnough = 100'000;
+  const InjectionResult result = inject(kEnough, seed, weakness);
+  for (std::size_t i = 0; i < kInjectionCount; ++i)
+    if (result.accepted[i] > 0) return name(static_cast<Injection>(i));
+  return {};
+}
+
+int attack_messages(const Options& options) {
+  const InjectionResult result = inject(options.injections, options.seed);
+  nlohmann::ordered_json kinds, weaknesses;
+  std::uint64_t injected = 0, accepted = 0;
+  for (std::size_t i = 0; i < kInjectionCount; ++i) {
+    kinds[name(static_cast<Injection>(i))] = {{"injected", result.injected[i]},
+                                              {"accepted", result.accepted[i]}};
+    injected += result.injected[i];
+    accepted += result.accepted[i];
+  }
+  int found = 0;
+  for (int i = 1; i <= kWeaknessCount; ++i) {
+    const std::string by = shown_by(static_cast<Weakness>(i), options.seed);
+    found += by.empty() ? 0 : 1;
+    weaknesses[name(static_cast<Weakness>(i))] =
+        by.empty() ? nlohmann::ordered_json(nullptr) : nlohmann::ordered_json(by);
+  }
+  const nlohmann::ordered_json json{{"injected", injected}, {"accepted", accepted},
+                                    {"good", result.good},  {"good_refused", result.good_refused},
+                                    {"kinds", kinds},       {"weaknesses_found_by", weaknesses},
+                                    {"seed", options.seed}};
+  if (!options.json.empty()) bridge::write_file_atomically(options.json, json.dump(1) + "\n");
+  fmt::print("{}\n", json.dump(1));
+  if (accepted == 0 && result.good_refused == 0 && found == kWeaknessCount) return 0;
+  fmt::print(stderr,
+             "faults: {} of {} spoilt messages accepted, {} good ones refused; {} of {} weaknesses "
+             "found\n",
+             accepted, injected, result.good_refused, found, kWeaknessCount);
+  return 1;
+}
+
 }  // namespace
 }  // namespace holdfast::fault
 
@@ -151,6 +193,7 @@ int main(int argc, char** argv) {
       "holdfast-fault"};
   app.footer(
       "Example: holdfast-fault --runs 200 --seed 1 --json faults.json\n"
+      "The end-to-end protection alone: holdfast-fault --injections 10000000\n"
       "Exit codes: 0 no hazard, nothing late, no false stop, every seeded bug found; 1 not so.");
   holdfast::fault::Options options;
   app.add_option("--runs", options.runs, "per fault class")
@@ -165,9 +208,16 @@ int main(int argc, char** argv) {
   app.add_option("--replay", options.replay_class, "one run of this class, by --replay-seed");
   app.add_option("--replay-seed", options.replay_seed);
   app.add_flag("--without-guard", options.is_without_guard, "for --replay");
+  app.add_option("--injections", options.injections,
+                 "instead of the campaign: so many spoilt messages, none of which may be accepted")
+      ->check(CLI::Range(1, 2'000'000'000));
   int code = 0;
   app.callback([&] {
     holdfast::bridge::catch_interrupts();
+    if (options.injections > 0) {
+      code = holdfast::fault::attack_messages(options);
+      return;
+    }
     code = options.replay_class.empty() ? holdfast::fault::campaign(options)
                                         : holdfast::fault::replay(options);
   });
