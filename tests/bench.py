@@ -20,6 +20,7 @@ PROGRAMS = [
     ("holdfast-bench-dds", [], ["--quick"]),
     ("holdfast-bench-camera", [], ["--seconds", "2"]),
     ("holdfast-bench-loop", ["--seconds", "60", "--load", "2"], ["--seconds", "5"]),
+    ("holdfast-bench-handover", [], ["--exchanges", "10000000"]),
     ("holdfast-bench-recorder", [], ["--seconds", "2"]),
     ("holdfast-bench-dashboard", [], ["--seconds", "3"]),
     ("holdfast-sim", ["reactions", "--runs", "200"], ["reactions", "--runs", "10"]),
