@@ -26,7 +26,7 @@ RULES = {
     "rt/core": (["rt/core"], []),
     "rt": (["rt", "safety", "perception", "registration", "bridge"],
            [EIGEN, OPENCV, r"fmt/", r"spdlog/", r"CLI/", r"nlohmann/"]),
-    "rt/study": (["rt", "perception", "registration", "bridge"],
+    "rt/study": (["rt", "safety/reason.hpp", "perception", "registration", "bridge"],
                  [EIGEN, OPENCV, r"fmt/", r"nlohmann/", r"toml\+\+/"]),
     "rt/guard": (["rt/guard", "bridge", "safety/end_to_end.hpp", "rt/core"], [EIGEN, r"fmt/", r"dds/"]),
     "tests": (LOCAL, [r".*"]),
