@@ -67,10 +67,11 @@ struct Description<safety::Limits> {
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
     auto& [frame_period, frame_lateness, estimate_age_max, pose_validity, pose_lead,
-           robot_silence_max, loop_lateness_max, clock_step_max, frame_future_max, hold_max, hold_recovery,
-           confirm_min, confirm_max, drift_max_mm, displacement_max_mm, rotation_max_rad,
-           speed_max_mm_per_s, sigma_target_max_mm, zoom_tolerance, focus_tolerance_mm,
-           scale_mismatch_max, optics_age_max, inliers_min, inlier_spread_min] = v;
+           robot_silence_max, loop_lateness_max, clock_step_max, frame_future_max, hold_max,
+           hold_recovery, confirm_min, confirm_max, drift_max_mm, displacement_max_mm,
+           rotation_max_rad, speed_max_mm_per_s, sigma_target_max_mm, zoom_tolerance,
+           focus_tolerance_mm, scale_mismatch_max, optics_age_max, inliers_min, inlier_spread_min] =
+        v;
     archive("frame_period_ns", frame_period);
     archive("frame_lateness_ns", frame_lateness);
     archive("estimate_age_max_ns", estimate_age_max);

@@ -128,7 +128,8 @@ bool is_consistent(const Limits& limits, const Inputs& inputs, const Decision& d
     return approved.has_value() && decision.reasons.empty() && decision.cause == Reason::none &&
            state.is_keyframe_verified && inputs.registration.is_loaded &&
            approved->registration_id() == state.registration_id &&
-           approved->t_pose() == inputs.now + limits.pose_lead && approved->validity() > Duration::zero() &&
+           approved->t_pose() == inputs.now + limits.pose_lead &&
+           approved->validity() > Duration::zero() &&
            is_rigid(approved->T_robot_ct(), kComposedTolerance) &&
            is_covariance(approved->covariance()) &&
            !exceeds(sigma_max_mm(approved->covariance()),

@@ -24,8 +24,8 @@ struct ClosedLoopSettings {
 };
 
 struct ClosedLoopRun {
-  std::string commands;  ///< CSV: t_ns (of the estimates' clock), is_permitted, T_camera_site of
-                         ///< the approved pose (tx_mm ... qw), empty while not permitted
+  std::string commands;     ///< CSV: t_ns (of the estimates' clock), is_permitted, T_camera_site of
+                            ///< the approved pose (tx_mm ... qw), empty while not permitted
   int stops = 0;            ///< latched ones, each acknowledged, confirmed and armed again at once
   std::string stop_causes;  ///< of them, each once, separated by spaces
 };
