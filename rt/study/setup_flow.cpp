@@ -107,6 +107,13 @@ class Setup {
     const RigPair pair = rig_.pair(request);
     shot_ = pair.shot;
     off_ = pair.off;
+    // The keyframe in the light in which a surgeon works, and the tracker will: the pattern's
+    // filter leaves a site too dark and flat to be followed.
+    PairRequest at_work;
+    at_work.out = folder_ / "at_work";
+    at_work.zoom = settings_.zoom;
+    at_work.lamps = "microscope";
+    keyframe_ = rig_.pair(at_work).shot.left;
     return fmt::format("dots of {:g} px, {:g} px apart, {}", settings_.pattern.dot_px,
                        settings_.pattern.distance_px, registration::name(settings_.pattern.kind));
   }
@@ -135,7 +142,7 @@ class Setup {
                                     std::numeric_limits<float>::quiet_NaN());
     bridge::write_depth_file((folder_ / "depth.tiff").string(),
                              depth_for_camera(whole, geometry, zoom_.camera_matrix_left));
-    write_png("keyframe.png", off_.left);
+    write_png("keyframe.png", keyframe_);
     return fmt::format("{} points, {:.1f} % of the image, {:.0f} ms", surface.points,
                        100 * surface.density,
                        std::chrono::duration<double, std::milli>(surface.times.total).count());
@@ -206,6 +213,7 @@ class Setup {
   registration::ZoomCalibration zoom_;
   CtSide ct_;
   registration::StereoShot shot_, off_;
+  cv::Mat keyframe_;
   registration::Markups beads_;  // below the markers, frame camera
   registration::TriangleMesh mire_;
 };

@@ -109,7 +109,9 @@ def study(folder, rig_command):
     check("<script" not in html and "Not for clinical use" in html and "Limits" in html,
           "it runs nothing and states its limits")
     check("0.5 ± 0.3" in html and 'class="q"' in html, "the paper's figures are marked as quoted")
-    check(not re.search(r"\bnan\b|\binf\b", html), "no figure that is none")
+    text = re.sub(r"base64,[^\"]*", "", html)  # in a picture's letters anything may stand
+    check(not re.search(r"\bnan\b|\binf\b", text), "no figure that is none: "
+          f"{re.findall(r'.{0,60}(?:nan|inf).{0,20}', text)[:3]}")
 
     before = (folder / "results.csv").read_bytes(), html
     cells = {cell: cell.stat().st_mtime_ns for cell in (folder / "cells").iterdir()}
@@ -152,8 +154,7 @@ def setup(folder, rig_command):
                          "--depth", folder / "depth.tiff", "--fps", "30", "--out",
                          folder / "poses.csv", "--json")
     poses = list(csv.DictReader(open(folder / "poses.csv"))) if code == 0 else []
-    # The plastic ear's texture is faint: whether it is enough for "tracking" is the tracker's say.
-    check(len(poses) == 3 and all(pose["status"] in ("tracking", "degraded") and
+    check(len(poses) == 3 and all(pose["status"] == "tracking" and
                                   abs(float(pose["tx_mm"])) < 1e-3 for pose in poses),
           f"the tracker starts from its keyframe and depth ({err.strip()})")
     with open(folder / "depth.tiff", "r+b") as depth:
@@ -172,8 +173,8 @@ def setup(folder, rig_command):
 def tracking(folder):
     """Paper B's experiment, its spiral a twentieth as large."""
     small = ["study", "--tracking", "--out", folder, "--scenes", "cavity_bone", "--pairs", "12"]
-    code, out, err = run(*small, "--motions", "spiral:0.05", "--beam", "--beam-motions", "linear:0.02",
-                         "--beam-rate", "20", "--json")
+    code, out, err = run(*small, "--motions", "spiral:0.05", "--beam", "--beam-motions", "breathing:4",
+                         "--beam-rate", "15", "--json")
     check(code == 0 and err == "", f"the tracking study ends well, silently ({code}: {err.strip()})")
     rows = {row["method"]: row for row in json.loads(out)["rows"]}
     check(sorted(rows) == ["direct", "orb", "paper"], "three methods on the same frames")
