@@ -62,7 +62,8 @@ void add_pattern(CLI::App& app) {
   command->add_option("--distance", options->parameters.distance_px, "Gap between dots, 1 to 10 px")
       ->capture_default_str();
   CLI::Option* lattice =
-      command->add_flag("--lattice", options->is_lattice, "Paper A's regular pattern");
+      command->add_flag("--lattice", options->is_lattice,
+                        "Paper A's regular pattern; it can slip by a period: for comparison only");
   command->add_flag("--random", options->is_random, "Dots anywhere")->excludes(lattice);
   command->add_option("--seed", options->parameters.seed, "Of chance")->capture_default_str();
   command->add_option("--out", options->out, "PNG file")->required();
