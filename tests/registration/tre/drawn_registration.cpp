@@ -97,7 +97,7 @@ Side moved(Side side, double offset_px, double turn_px) {
 /// As detect_markers() finds and states it: lines along 0.8 of each side.
 DetectedMarker sighted(const sim::TrueMarker& marker, const Isometry3d& T_head_ct, const Eye& eye,
                        double side_px, Noise& noise) {
-  const double kTurn = std::sqrt(12.0) / 0.8;  // of the line's ends for its offset
+  const double turn = std::sqrt(12.0) / 0.8;  // of the line's ends for its offset
   const double h = 0.5 * marker.side_mm;
   std::array<Vector2d, 4> corner;
   const std::array<Vector3d, 4> square{{{-h, h, 0}, {h, h, 0}, {h, -h, 0}, {-h, -h, 0}}};
@@ -114,10 +114,10 @@ DetectedMarker sighted(const sim::TrueMarker& marker, const Isometry3d& T_head_c
   found.covariance_px2.setZero();
   std::array<Side, 4> drawn = sides;
   for (std::size_t i = 0; i < 4; ++i) {
-    drawn.at(i) = moved(sides.at(i), noise(side_px), kTurn * noise(side_px));
+    drawn.at(i) = moved(sides.at(i), noise(side_px), turn * noise(side_px));
     for (const bool is_offset : {true, false}) {
       std::array<Side, 4> one = sides;
-      one.at(i) = moved(one.at(i), is_offset ? side_px : 0, is_offset ? 0 : kTurn * side_px);
+      one.at(i) = moved(one.at(i), is_offset ? side_px : 0, is_offset ? 0 : turn * side_px);
       const Eigen::Matrix<double, 8, 1> change = corners_of(one) - here;
       found.covariance_px2 += change * change.transpose();
     }
