@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// The surface of equal HU in a CT volume, in patient coordinates (marching cubes).
+// The surface of equal HU in a CT volume, in patient coordinates (VTK's flying edges).
 #pragma once
 
 #include <optional>

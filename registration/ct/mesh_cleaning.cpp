@@ -45,6 +45,17 @@ void drop_triangles(TriangleMesh& mesh, const Condition& is_dropped) {
 
 }  // namespace
 
+void collapse_edges(const MeshEdges& edges, TriangleMesh& mesh) {
+  if (edges.empty()) return;
+  Parents parent = every_one_its_own(mesh.vertices_mm.size());
+  for (const auto& [a, b] : edges) parent[root_of(parent, a)] = root_of(parent, b);
+  for (const auto& edge : edges)
+    for (const std::uint32_t end : edge) parent[end] = root_of(parent, end);
+  for (auto& t : mesh.triangles)
+    for (std::uint32_t& corner : t) corner = parent[corner];
+  drop_triangles(mesh, [](const auto& t) { return t[0] == t[1] || t[1] == t[2] || t[2] == t[0]; });
+}
+
 void keep_inside(const Eigen::AlignedBox3f& box_mm, TriangleMesh& mesh) {
   drop_triangles(mesh, [&](const auto& t) {
     return !std::all_of(t.begin(), t.end(),

@@ -3,11 +3,21 @@
 // what stays keeps its order.
 #pragma once
 
+#include <array>
+#include <cstdint>
+#include <vector>
+
 #include <Eigen/Geometry>
 
 #include "registration/mesh_file.hpp"
 
 namespace holdfast::registration {
+
+using MeshEdges = std::vector<std::array<std::uint32_t, 2>>;  ///< pairs of vertices
+
+/// The two ends of each edge become one vertex (one of the two), and the triangles that had the
+/// edge vanish: a closed surface stays closed.
+void collapse_edges(const MeshEdges& edges, TriangleMesh& mesh);
 
 /// Keeps the triangles with all corners in the box.
 void keep_inside(const Eigen::AlignedBox3f& box_mm, TriangleMesh& mesh);

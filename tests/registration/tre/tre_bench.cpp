@@ -19,6 +19,7 @@
 #include <opencv2/core.hpp>
 #include <unistd.h>
 
+#include "bridge/command_line.hpp"
 #include "registration/ct_registration.hpp"
 #include "rt/core/error.hpp"
 #include "tests/registration/tre/drawn_registration.hpp"
@@ -187,7 +188,8 @@ void run(const Options& options) {
 
 int main(int argc, char** argv) {
   Options options;
-  CLI::App app("How often a registration's predicted 95 % region contains the truth.");
+  CLI::App app{"How often a registration's predicted 95 % region contains the truth.",
+               "holdfast-bench-tre"};
   app.add_option("--count", options.count, "Registrations")
       ->check(CLI::Range(1U, 1'000'000U))
       ->capture_default_str();
@@ -205,12 +207,6 @@ int main(int argc, char** argv) {
       "  holdfast-bench-tre --count 20 --pairs 8 --rendered setups/\n"
       "Drawn: corners of board and markers (true lens, seating of each visit, holders as made, "
       "detection noise), beads.\nNot drawn: surfaces.");
-  CLI11_PARSE(app, argc, argv);
-  try {
-    run(options);
-  } catch (const std::exception& error) {
-    fmt::print(stderr, "{}\n", error.what());
-    return 2;
-  }
-  return 0;
+  app.callback([&options] { run(options); });
+  return holdfast::bridge::run_command_line(app, argc, argv);
 }
