@@ -38,9 +38,6 @@ const Parameters& checked(const Parameters& p) {
   return p;
 }
 
-// A flood must not keep poll() from answering: what is left over is taken by the next one.
-constexpr int kMaxBatches = 16;
-
 }  // namespace
 
 struct Client::Impl {
@@ -62,12 +59,7 @@ struct Client::Impl {
 
   template <class M>
   void drain(Reader<M>& reader) noexcept {
-    for (int batch = 0; batch < kMaxBatches; ++batch) {
-      const auto messages = reader.take();
-      if (messages.empty()) return;
-      const Clocks now = read_clocks();  // after the reception: before it, all came from the future
-      for (const M& message : messages) core.take(message, now);
-    }
+    reader.drain([this](const M& message, Clocks now) { core.take(message, now); });
   }
 
   PermissionCore core;

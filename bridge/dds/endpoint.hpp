@@ -132,7 +132,20 @@ class Reader : public Endpoint {
     return std::span<const M>(samples_).first(static_cast<std::size_t>(n));
   }
 
+  /// Calls f(message, clocks at reception) for each message that has arrived, oldest first. What a
+  /// flood leaves over is for the next call: it must not keep the caller here.
+  template <class F>
+  void drain(F&& f) {
+    for (int batch = 0; batch < kMaxBatches; ++batch) {
+      const auto messages = take();
+      if (messages.empty()) return;
+      const Clocks now = read_clocks();  // after the reception: before it, all came from the future
+      for (const M& message : messages) f(message, now);
+    }
+  }
+
  private:
+  static constexpr int kMaxBatches = 16;
   std::array<M, kBatch> samples_{};
   std::array<void*, kBatch> pointers_{};
 };
@@ -148,18 +161,13 @@ class ProtectedReader {
   /// first. On any verdict but `accepted` its content must not be used.
   template <class F>
   void take(F&& f) {
-    for (int batch = 0; batch < kMaxBatches; ++batch) {
-      const auto messages = reader_.take();
-      if (messages.empty()) return;
-      const Clocks now = read_clocks();
-      for (const M& message : messages) f(message, check(message, receiver_, now), now);
-    }
+    reader_.drain(
+        [&](const M& message, Clocks now) { f(message, check(message, receiver_, now), now); });
   }
   [[nodiscard]] const safety::Receiver& receiver() const noexcept { return receiver_; }
   [[nodiscard]] const Reader<M>& reader() const noexcept { return reader_; }
 
  private:
-  static constexpr int kMaxBatches = 16;  // a flood must not keep the caller here
   Reader<M> reader_;
   safety::Receiver receiver_;
 };

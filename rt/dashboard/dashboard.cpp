@@ -23,7 +23,6 @@ using bridge::dds::Reader;
 constexpr nanoseconds kLookPeriod = milliseconds(5);
 /// An answer is composed once and given to all who ask meanwhile: a quarter of the pages' period.
 constexpr nanoseconds kAnswerKept = milliseconds(10);
-constexpr int kMaxBatches = 16;  // a flood must not keep us from serving
 
 /// Nothing from elsewhere, nothing inline, nobody's frame.
 constexpr std::string_view kContentSecurityPolicy =
@@ -90,12 +89,7 @@ class Observer {
  private:
   template <class M>
   void drain(Reader<M>& reader) {
-    for (int batch = 0; batch < kMaxBatches; ++batch) {
-      const auto messages = reader.take();
-      if (messages.empty()) return;
-      const Clocks now = read_clocks();
-      for (const M& message : messages) state_.take(message, now);
-    }
+    reader.drain([this](const M& message, Clocks now) { state_.take(message, now); });
   }
 
   bridge::dds::Participant participant_;

@@ -21,7 +21,6 @@ using namespace bridge::dds;  // NOLINT(google-build-using-namespace): this file
 constexpr nanoseconds kStep = milliseconds(1);
 constexpr nanoseconds kPublishPeriod = milliseconds(2);
 constexpr nanoseconds kStrokePeriod = milliseconds(100);
-constexpr int kMaxBatches = 16;  // a flood must not keep us from deciding
 
 void become_real_time(const GuardConfig& config) {
   sched_param priority{};
@@ -81,12 +80,7 @@ class GuardLoop {
  private:
   template <class M>
   void drain(Reader<M>& reader) {
-    for (int batch = 0; batch < kMaxBatches; ++batch) {
-      const auto messages = reader.take();
-      if (messages.empty()) return;
-      const Clocks now = read_clocks();
-      for (const M& message : messages) core_.take(message, now);
-    }
+    reader.drain([this](const M& message, Clocks now) { core_.take(message, now); });
   }
 
   void act(const GuardAnswer& answer, nanoseconds now) {
