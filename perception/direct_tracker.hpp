@@ -37,8 +37,9 @@ class DirectTracker {
 
   /// Estimates the motion of the site from the keyframe to `image` (CV_8UC1 or BGR CV_8UC3).
   /// `t_exposure` must be later than at every call before; otherwise the frame is lost and nothing
-  /// else happens. One thread at a time. While tracking, memory is only taken by the check of the
-  /// features and by the search after a jolt.
+  /// else happens. One thread at a time. While it follows, no memory is taken; the check of the
+  /// features (unless it has its own thread) and the search after a jolt take some and give it
+  /// back: nothing grows.
   [[nodiscard]] MotionEstimate track(const cv::Mat& image, std::chrono::nanoseconds t_exposure);
 
  private:
