@@ -13,7 +13,8 @@ import unittest
 
 HOLDFAST_SIM = sys.argv.pop()
 HOLDFAST = sys.argv.pop()
-ROOM = "[calibration]\nzoom_first = 1.3\nzoom_last = 1.3\nzoom_count = 1\npairs = 6\n"
+ROOM = "[calibration]\nzoom_first = 1.3\nzoom_last = 1.3\nzoom_count = 1\npairs = {}\n"
+SIX, EIGHT = ROOM.format(6), ROOM.format(8)
 
 
 class RoomFaults(unittest.TestCase):
@@ -38,13 +39,20 @@ class RoomFaults(unittest.TestCase):
         self.assertFalse(os.path.exists(out))
 
     def test_an_image_without_its_partner(self):
-        self.refused(ROOM + "[faults]\nmissing_right = 2\n", "left_02.png", "right")
+        self.refused(SIX + "[faults]\nmissing_right = 2\n", "left_02.png", "right")
 
     def test_a_view_out_of_focus_leaves_too_few(self):
-        self.refused(ROOM + "[faults]\nsmeared_view = 3\n", "zoom 1.3", "5 pairs show the whole board")
+        self.refused(SIX + "[faults]\nsmeared_view = 3\n", "zoom 1.3", "5 pairs show the whole board")
 
     def test_boards_partly_out_of_view(self):
-        self.refused(ROOM + "border_px = -400\n", "zoom 1.3", "pairs show the whole board")
+        self.refused(SIX + "border_px = -400\n", "zoom 1.3", "pairs show the whole board")
+
+    def test_left_and_right_exchanged(self):
+        # Eight: the reason named must not be that too few are left.
+        self.refused(EIGHT + "[faults]\nswap_sides = true\n", "zoom 1.3", "left and right are swapped")
+
+    def test_views_that_are_all_alike(self):
+        self.refused(SIX + "[faults]\nsimilar_views = true\n", "zoom 1.3", "tilt the board more")
 
 
 if __name__ == "__main__":
