@@ -37,8 +37,7 @@ std::vector<registration::ZoomViews> corner_views(const RoomConfig& config, doub
   std::mt19937 random(config.seed);
   std::vector<registration::ZoomViews> views;
   for (const double zoom : config.calibration_zooms) {
-    const StereoOptics optics =
-        microscope.at(zoom, 1000 + static_cast<std::uint32_t>(views.size()));
+    const StereoOptics optics = microscope.at(zoom, board_visit(0, views.size()));
     registration::ZoomViews& of_zoom = views.emplace_back();
     of_zoom.zoom = zoom;
     for (const Eigen::Isometry3d& pose : board_poses(config.board, optics, config.board_poses)) {

@@ -75,4 +75,9 @@ struct RoomConfig {
 /// Lights with the pattern read or made, 800x600 or a whole multiple. Throws InputError.
 [[nodiscard]] Lights lights_of(const RoomConfig& config, const ProjectorOptics& projector);
 
+/// How zoom number `index` is seated while the boards of set number `set` are before it.
+[[nodiscard]] constexpr std::uint32_t board_visit(int set, std::size_t index) {
+  return static_cast<std::uint32_t>(1000 + 100 * set) + static_cast<std::uint32_t>(index);
+}
+
 }  // namespace holdfast::sim

@@ -48,9 +48,7 @@ json write_calibration_set(const RoomConfig& config, const Microscope& microscop
   json zooms = json::array();
   for (std::size_t i = 0; i < config.calibration_zooms.size(); ++i) {
     const double zoom = config.calibration_zooms[i];
-    // Each set finds each zoom seated in its own way.
-    const auto visit =
-        static_cast<std::uint32_t>(1000 + 100 * set.number) + static_cast<std::uint32_t>(i);
+    const std::uint32_t visit = board_visit(set.number, i);
     BoardPoses wanted = config.board_poses;
     wanted.seed += static_cast<std::uint32_t>(7919 * set.number);
     RoomShot shot;
