@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include "registration/fiducial_pairing.hpp"
+#include "registration/reconstruction.hpp"
 
 namespace holdfast::registration {
 namespace {
@@ -109,6 +110,17 @@ MaybeRefusal judge_fit(const FiducialSet& set, const RegistrationLimits& limits,
                              fit.fre_mm, limits.fre_max_mm, fit.p_value, limits.fit_p_min)};
 }
 
+/// Asked before anything is made of the surface, used or only looked at.
+MaybeRefusal judge_surface(const RegistrationInput& input) {
+  if (input.moving_surface)
+    for (const std::string& line : input.moving_surface->comments)
+      if (line.rfind(kForComparison, 0) == 0)
+        return Refusal{RegistrationStatus::comparison_surface,
+                       "the reconstructed surface was made under a lattice, for a comparison only: "
+                       "it may be a period of the pattern off"};
+  return {};
+}
+
 std::vector<Eigen::Vector3d> camera_points(const TriangleMesh& mesh) {
   const Eigen::Matrix3d R_camera_mesh = mesh.R_rectified_camera
                                             ? Eigen::Matrix3d{mesh.R_rectified_camera->transpose()}
@@ -191,6 +203,7 @@ MaybeRefusal predict_targets(const RegistrationInput& input, Registration& regis
 MaybeRefusal run(const RegistrationInput& input, CtRegistration& result) {
   CtIdentity identity;
   if (auto refusal = identify(input, identity)) return refusal;
+  if (auto refusal = judge_surface(input)) return refusal;
   IndexPairs pairs;
   if (auto refusal = pair_fiducials(input, pairs)) return refusal;
   const FiducialSet set = fiducial_set(input, pairs);

@@ -54,6 +54,7 @@ enum class RegistrationStatus {
   mirrored_ct,         ///< a reflection fits, no motion does
   fiducial_displaced,  ///< one contradicts all others
   poor_fit,
+  comparison_surface,    ///< reconstructed under a lattice: it may be a period off
   no_overlap,            ///< the surfaces do not lie on each other
   surface_disagreement,  ///< they do, elsewhere than the fiducials say
   target_uncertain       ///< the predicted TRE is over its limit

@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "registration/pattern_lattice.hpp"
 #include "registration/stereo_checks.hpp"
 #include "rt/core/error.hpp"
 
@@ -82,6 +83,8 @@ std::string_view name(ReconstructionStatus status) noexcept {
       return "left and right swapped";
     case Status::wrong_optics:
       return "wrong zoom or calibration";
+    case Status::lattice:
+      return "the pattern is a lattice";
     case Status::period_slip:
       return "pattern period slip";
     case Status::no_surface:
@@ -157,6 +160,7 @@ struct Reconstructor::Impl {
   }
 
   Finding judge_input(std::span<const StereoShot> shots) const;
+  Finding judge_pattern(std::span<const StereoShot> shots, Reconstruction& result);
   Finding judge_result(const DisparityMap& map, std::span<const StereoShot> shots,
                        Reconstruction& result);
   [[nodiscard]] bool is_swapped(std::span<const StereoShot> shots, double density) const;
@@ -179,12 +183,31 @@ Finding Reconstructor::Impl::judge_input(std::span<const StereoShot> shots) cons
   return {};
 }
 
+/// On the whole left image, whatever the region: more of the pattern is seen there.
+Finding Reconstructor::Impl::judge_pattern(std::span<const StereoShot> shots,
+                                           Reconstruction& result) {
+  ImageRepetition worst;
+  for (const StereoShot& shot : shots)
+    if (const ImageRepetition found = repetition_of(grey_of(shot.left), pool);
+        found.share > worst.share)
+      worst = found;
+  result.image_repetition = worst.share;
+  if (worst.share <= kRepetitionMax) return {};
+  result.is_for_comparison = options.may_be_lattice;
+  if (options.may_be_lattice) return {};
+  return {Status::lattice,
+          fmt::format("{:.2f} of the image's texture comes again {:.0f},{:.0f} px further, limit "
+                      "{:.2f}: it can slip by that period",
+                      worst.share, worst.step_px.x, worst.step_px.y, kRepetitionMax)};
+}
+
 /// Would the views fit the other way round? Only asked when they do not fit as they are.
 bool Reconstructor::Impl::is_swapped(std::span<const StereoShot> shots, double density) const {
   ReconstructionOptions other = options;
   other.method = MatchMethod::sgm;
   other.density_min = 0;
   other.ambiguous_share_max = 1;
+  other.may_be_lattice = true;
   other.vertical_limit_px = 1e9;  // no further question
   Reconstructor swapped(zoom, image_px, other);
   const StereoShot shot{shots[0].right, shots[0].left};
@@ -288,6 +311,7 @@ Reconstruction Reconstructor::reconstruct(std::span<const StereoShot> shots) {
     if (conclude(judge_exposure(pair.left.pixels, "left")) ||
         conclude(judge_exposure(pair.right.pixels, "right")))
       return result;
+  if (conclude(impl_->judge_pattern(shots, result))) return result;
   const auto rectified = Clock::now();
   const DisparityMap map = match_disparity(impl_->pairs, impl_->range, impl_->match, impl_->pool);
   const auto matched = Clock::now();
@@ -346,6 +370,10 @@ TriangleMesh mesh_of(const Reconstruction& reconstruction, const Rectification& 
   mesh.R_rectified_camera.emplace();
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 3; ++c) (*mesh.R_rectified_camera)(r, c) = R1(r, c);
+  mesh.comments.push_back(fmt::format("image_repetition {:.3f}", reconstruction.image_repetition));
+  if (reconstruction.is_for_comparison)
+    mesh.comments.push_back(
+        fmt::format("{}: under a lattice it may be a period off", kForComparison));
   return mesh;
 }
 

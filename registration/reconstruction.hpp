@@ -4,9 +4,10 @@
 // mm). Bad input is refused with a status and its evidence; what cannot be known is NaN.
 //
 // Period slip: a pattern that repeats along the rows (paper A's lattice) fits a period too near or
-// too far as well as where it is. pattern_repetition.hpp looks for that all over the scene: where
-// it is common the whole pair is refused, where it is rare those parts are unknown. A range of
-// depths that is smaller than a period (depth_reach_mm) makes a lattice usable.
+// too far as well as where it is. An image that shows a lattice is refused before anything is
+// matched (pattern_lattice.hpp). What repeats otherwise pattern_repetition.hpp looks for all over
+// the scene: where it is common the whole pair is refused, where it is rare those parts are
+// unknown.
 #pragma once
 
 #include <chrono>
@@ -33,6 +34,7 @@ enum class ReconstructionStatus {
   no_pattern,     ///< too little texture: the pattern is not projected, or out of focus
   views_swapped,  ///< left and right
   wrong_optics,   ///< the views do not lie on one another's rows: another zoom, another rig
+  lattice,        ///< the pattern is a lattice, which may slip by a period without a trace
   period_slip,    ///< the scene fits nearly as well elsewhere on its rows: the pattern repeats
   no_surface      ///< too few consistent matches
 };
@@ -54,6 +56,9 @@ struct ReconstructionOptions {
   double density_min = 0.2;              ///< of the region; less is no_surface
   double vertical_limit_px = 0.35;       ///< rms over the image, of left against right rows
   double ambiguous_share_max = 0.05;     ///< of the scene; more is period_slip
+  /// Reconstruct under a lattice all the same, for a comparison: no surface for a registration.
+  /// The mesh says so (kForComparison), and register_ct() refuses it.
+  bool may_be_lattice = false;
 };
 
 struct ReconstructionTimes {
@@ -71,9 +76,14 @@ struct Reconstruction {
   std::size_t points = 0;
   double density = 0;                ///< share of the region that is known
   double vertical_disparity_px = 0;  ///< rms over the image; what the calibration leaves
-  double ambiguous_share = 0;  ///< of the scene: fits elsewhere on its rows too; unknown there
+  double ambiguous_share = 0;   ///< of the scene: fits elsewhere on its rows too; unknown there
+  double image_repetition = 0;  ///< ImageRepetition::share of the left image; the burst's largest
+  bool is_for_comparison = false;  ///< may_be_lattice was needed
   ReconstructionTimes times;
 };
+
+/// First words of the comment in the file of a surface that may have slipped by a period.
+inline constexpr const char* kForComparison = "for_comparison_only";
 
 class Reconstructor {
  public:
@@ -101,7 +111,8 @@ class Reconstructor {
                                       cv::Size image_px, float outside);
 
 /// Every `step`-th pixel's point, two triangles a grid cell; none across a depth edge (steeper than
-/// 80 degrees to the image plane). Carries R1.
+/// 80 degrees to the image plane). Carries R1, how far the image repeats itself, and
+/// kForComparison.
 [[nodiscard]] TriangleMesh mesh_of(const Reconstruction& reconstruction,
                                    const Rectification& geometry, int step = 1);
 

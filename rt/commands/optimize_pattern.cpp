@@ -132,6 +132,7 @@ class PatternStudy {
     const auto zoom_calibration = registration::calibration_at_zoom(calibration_, zoom, false);
     registration::ReconstructionOptions options;
     options.threads = options_.threads;
+    options.may_be_lattice = head_.kind == registration::PatternKind::lattice;
     if (!options_.roi.empty())
       options.roi_px = cv::Rect(options_.roi[0], options_.roi[1], options_.roi[2], options_.roi[3]);
     const cv::Size size(calibration_.image_width_px, calibration_.image_height_px);

@@ -14,10 +14,12 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
 #include "bridge/image_file.hpp"
+#include "registration/pattern_lattice.hpp"
 #include "registration/reconstruction.hpp"
 #include "rt/commands/commands.hpp"
 #include "rt/core/error.hpp"
@@ -37,19 +39,19 @@ constexpr const char* kExample =
     "The surface is in the rectified left camera (p = R1 * p_camera; the PLY says R1). A burst, "
     "several\nshots of the unmoved scene with different patterns, is given as --burst DIR or by "
     "repeating\n--left and --right. Exit code 1: the pair cannot be believed (too dark, saturated, "
-    "no pattern,\nviews swapped, another zoom's calibration, too few matches, or a pattern that "
-    "repeats along the\nrows, so that the surface could be a period off). Project an aperiodic "
-    "one, "
-    "`holdfast pattern`'s\ndefault; or, with a repeating one, search less than a period of depth "
-    "(--depth-reach-mm).";
+    "no pattern,\nviews swapped, another zoom's calibration, too few matches, or a lattice, under "
+    "which the surface\ncould be a period off). Project an aperiodic pattern, `holdfast pattern`'s "
+    "default. For a comparison\nwith paper A, --for-comparison takes a lattice; the surface says "
+    "so, and `register` refuses it.\n--pattern asks the projected image too, and says at once what "
+    "the views could only show.";
 
 struct Options {
   std::vector<std::string> left, right;
-  std::string burst, calibration, out, depth, confidence, variance, method = "sgm";
+  std::string burst, calibration, pattern, out, depth, confidence, variance, method = "sgm";
   std::vector<int> roi;
   double zoom = 0, depth_centre_mm = 0, depth_reach_mm = 30;
   int threads = 2, repeat = 1, step = 1;
-  bool is_rectified = false, may_extrapolate = false, is_json = false;
+  bool is_rectified = false, may_extrapolate = false, may_be_lattice = false, is_json = false;
 };
 
 /// DIR/left_*.png and DIR/right_*.png with the same ending, as `calibrate` takes them.
@@ -101,8 +103,24 @@ registration::ReconstructionOptions reconstruction_options(const Options& option
   result.depth_reach_mm = options.depth_reach_mm;
   result.is_rectified = options.is_rectified;
   result.threads = options.threads;
+  result.may_be_lattice = options.may_be_lattice;
   if (options.method == "opencv") result.method = registration::MatchMethod::opencv;
   return result;
+}
+
+/// The projected image, if it is given.
+void check_pattern(const Options& options) {
+  if (options.pattern.empty() || options.may_be_lattice) return;
+  cv::Mat image = bridge::read_image_file(options.pattern);
+  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
+  if (image.depth() == CV_16U) image.convertTo(image, CV_8U, 1.0 / 257);
+  registration::WorkerPool pool(options.threads);
+  const registration::ImageRepetition found = registration::repetition_of(image, pool);
+  if (found.share > registration::kRepetitionMax)
+    throw RefusedError(fmt::format(
+        "{}: is a lattice: {:.2f} of it comes again {:.0f},{:.0f} px further, limit {:.2f}",
+        options.pattern, found.share, found.step_px.x, found.step_px.y,
+        registration::kRepetitionMax));
 }
 
 double median_ms(const std::vector<ReconstructionTimes>& times,
@@ -175,6 +193,8 @@ void report(const Options& options, const Reconstruction& result,
                          result.region_px.height};
     json["vertical_disparity_px"] = result.vertical_disparity_px;
     json["ambiguous_share"] = result.ambiguous_share;
+    json["image_repetition"] = result.image_repetition;
+    json["is_for_comparison"] = result.is_for_comparison;
     json["method"] = options.method;
     json["shots"] = options.left.size();
     json["out"] = options.out;
@@ -206,6 +226,7 @@ void run(Options& options) {
   const auto zoom =
       registration::calibration_at_zoom(calibration, options.zoom, options.may_extrapolate);
   const cv::Size size(calibration.image_width_px, calibration.image_height_px);
+  check_pattern(options);
   const auto shots = read_shots(options);
   check_sizes(options, shots, size);
   cv::setNumThreads(options.threads);
@@ -254,6 +275,12 @@ void add_reconstruct(CLI::App& app) {
   reconstruct->add_option("--method", options->method, "sgm, or opencv: the baseline (SGBM)")
       ->check(CLI::IsMember({"sgm", "opencv"}))
       ->capture_default_str();
+  reconstruct->add_option("--pattern", options->pattern,
+                          "The projected image: refused where it is a lattice");
+  reconstruct->add_flag(
+      "--for-comparison", options->may_be_lattice,
+      "Take a lattice, if within the depths searched it fits in one place only; `register` will "
+      "refuse the surface");
   reconstruct->add_option("--out", options->out, "The surface (PLY, mm, rectified left)")
       ->required();
   reconstruct->add_option("--depth", options->depth, "Depth: 32-bit float TIFF, mm, NaN unknown");

@@ -100,6 +100,9 @@ class Setup {
   }
 
   std::string project() {
+    if (settings_.pattern.kind == registration::PatternKind::lattice)
+      throw RefusedError(
+          "pattern: a lattice is for comparisons: a surface under it may be a period off");
     write_png("pattern.png", registration::make_pattern(settings_.pattern));
     PairRequest request = lit_by(Illumination::adaptive, folder_ / "pattern.png");
     request.out = folder_ / "pair";

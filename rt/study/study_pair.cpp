@@ -85,7 +85,9 @@ Reconstruction reconstructed(const registration::ZoomCalibration& calibration,
   Reconstruction surface = run();
   if (surface.status != Status::done)
     row.refusal = fmt::format("{}: {}", registration::name(surface.status), surface.evidence);
-  if (surface.status == Status::no_surface || surface.status == Status::period_slip) {
+  if (surface.status == Status::no_surface || surface.status == Status::period_slip ||
+      surface.status == Status::lattice) {
+    options.may_be_lattice = true;
     options.density_min = 0;
     options.ambiguous_share_max = 1;
     surface = run();

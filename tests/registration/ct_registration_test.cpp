@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "registration/reconstruction.hpp"
 #include "registration/transform_file.hpp"
 #include "rt/core/error.hpp"
 
@@ -202,6 +203,11 @@ INSTANTIATE_TEST_SUITE_P(
                            i.fixed_surface.emplace();
                            i.fixed_surface->comments = {"ct_frame_of_reference 9.9"};
                          }},
+                    Case{"SurfaceMadeUnderALattice", Status::comparison_surface, "lattice",
+                         [](RegistrationInput& i) {
+                           i.moving_surface.emplace();
+                           i.moving_surface->comments = {std::string(kForComparison) + ": lattice"};
+                         }},
                     Case{"MarkersInALine", Status::collinear, "line",
                          [](RegistrationInput& i) {
                            for (std::size_t k = 0; k < 4; ++k) {
@@ -233,6 +239,19 @@ INSTANTIATE_TEST_SUITE_P(
                            i.limits.left_out_p_min = 0;
                          }}),
     [](const testing::TestParamInfo<Case>& tested) { return std::string{tested.param.name}; });
+
+TEST(CtRegistration, RefusesASurfaceMadeUnderALatticeEvenOnlyToLookAt) {
+  RecordProperty("requirement", "SR-96");
+  RegistrationInput input = good_input();
+  add_surfaces(input);
+  for (MarkupPoint& p : input.moving.points) *p.covariance_mm2 *= 4000;
+  ASSERT_EQ(register_ct(input).status, Status::registered);
+  input.moving_surface->comments = {std::string(kForComparison) + ": under a lattice"};
+  for (const bool is_refined : {true, false}) {
+    input.is_refined = is_refined;
+    EXPECT_EQ(register_ct(input).status, Status::comparison_surface);
+  }
+}
 
 TEST(CtRegistration, RefusesADisplacedMarkerAlsoWithoutCovariances) {
   RecordProperty("requirement", "SR-86");

@@ -214,8 +214,9 @@ TEST(Reconstruction, MeshLooksAtTheCameraAndCarriesR1) {
   EXPECT_EQ(towards, mesh.triangles.size());
 }
 
-void expect_refused(const StereoRig& rig, const StereoShot& shot, Status status) {
-  const Reconstruction result = reconstruct(rig, shot);
+void expect_refused(const StereoRig& rig, const StereoShot& shot, Status status,
+                    const ReconstructionOptions& options = {}) {
+  const Reconstruction result = reconstruct(rig, shot, options);
   EXPECT_EQ(name(result.status), name(status)) << result.evidence;
   EXPECT_FALSE(result.evidence.empty());
   EXPECT_TRUE(result.points_mm.empty() && result.depth_mm.empty() && result.disparity_px.empty() &&
@@ -262,13 +263,29 @@ StereoRig repeating_rig() {
   return rig;
 }
 
-TEST(ReconstructionRefusal, NamesAPatternThatRepeats) {
+TEST(ReconstructionRefusal, NamesALattice) {
   RecordProperty("requirement", "SR-96");
   for (const double turn_rad : {0.0, 0.1}) {
     StereoRig rig = repeating_rig();
     rig.dots_turn_rad = turn_rad;
-    expect_refused(rig, {rig.left(), rig.right()}, Status::period_slip);
+    const StereoShot shot{rig.left(), rig.right()};
+    expect_refused(rig, shot, Status::lattice);
+    ReconstructionOptions baseline;
+    baseline.method = MatchMethod::opencv;
+    expect_refused(rig, shot, Status::lattice, baseline);
+    ReconstructionOptions comparison;
+    comparison.may_be_lattice = true;
+    expect_refused(rig, shot, Status::period_slip, comparison);
   }
+}
+
+/// One shot of a burst is enough: what the others show may not be seen everywhere.
+TEST(ReconstructionRefusal, NamesALatticeInABurst) {
+  RecordProperty("requirement", "SR-96");
+  const StereoRig good, repeating = repeating_rig();
+  const StereoShot shots[] = {{good.left(), good.right()}, {repeating.left(), repeating.right()}};
+  Reconstructor reconstructor(good.calibration(), good.image_px, {});
+  EXPECT_EQ(reconstructor.reconstruct(shots).status, Status::lattice);
 }
 
 /// Without the refusal the surface is wrong, and nothing else says so.
@@ -276,6 +293,7 @@ TEST(ReconstructionRefusal, OfARepeatingPatternIsAllThatStandsAgainstASlip) {
   const StereoRig rig = repeating_rig();
   ReconstructionOptions options;
   options.ambiguous_share_max = 1;
+  options.may_be_lattice = true;
   options.match = match_parameters_for(rig.image_px);
   options.match->repetition.correlation_min = 2;  // never
   const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()}, options);
@@ -284,17 +302,33 @@ TEST(ReconstructionRefusal, OfARepeatingPatternIsAllThatStandsAgainstASlip) {
   EXPECT_GT(error.share_above_1mm, 0.2);
 }
 
-TEST(Reconstruction, LatticeServesWhereLessThanAPeriodIsSearched) {
+TEST(Reconstruction, LatticeServesForComparisonWhereLessThanAPeriodIsSearched) {
+  RecordProperty("requirement", "SR-96");
   StereoRig rig = repeating_rig();
   rig.dot_pitch_mm = 2.2;  // 18 mm of depth
   rig.dot_radius_mm = 0.7;
   rig.relief_mm = 0.5;
   ReconstructionOptions options;
   options.depth_reach_mm = 4;
+  expect_refused(rig, {rig.left(), rig.right()}, Status::lattice, options);
+  options.may_be_lattice = true;
   const Reconstruction result = reconstruct(rig, {rig.left(), rig.right()}, options);
   ASSERT_EQ(result.status, Status::done) << result.evidence;
   const Errors error = errors_of(rig, rectification_of(rig.calibration(), rig.image_px), result);
   EXPECT_LT(error.share_above_1mm, 0.01);
+  EXPECT_TRUE(result.is_for_comparison);
+  const Rectification geometry = rectification_of(rig.calibration(), rig.image_px);
+  const auto says_so = [](const Reconstruction& surface, const Rectification& of) {
+    const auto comments = mesh_of(surface, of).comments;
+    return std::any_of(comments.begin(), comments.end(),
+                       [](const std::string& line) { return line.rfind(kForComparison, 0) == 0; });
+  };
+  EXPECT_TRUE(says_so(result, geometry));
+  // The option alone does not brand a surface: its pattern does.
+  const StereoRig good;
+  const Reconstruction other = reconstruct(good, {good.left(), good.right()}, options);
+  ASSERT_EQ(other.status, Status::done) << other.evidence;
+  EXPECT_FALSE(other.is_for_comparison || says_so(other, geometry));
 }
 
 TEST(ReconstructionRefusal, NamesAWrongSize) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Rendered pairs of the virtual microscope, whose depth is known at every pixel, through the
 // reconstruction and through OpenCV's SGBM: error, wrong points, coverage, and whether the stated
-// variance is true. And how often a repeating pattern slips (slip_study.hpp).
+// variance is true. And how often a repeating pattern slips (slip_study.hpp), and is known as one
+// (lattice_study.hpp).
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -15,6 +16,7 @@
 #include <opencv2/core/utility.hpp>
 
 #include "registration/reconstruction.hpp"
+#include "tests/registration/study/lattice_study.hpp"
 #include "tests/registration/study/rendered_pairs.hpp"
 #include "tests/registration/study/slip_study.hpp"
 
@@ -96,6 +98,7 @@ void judge(const RenderedPair& pair, std::size_t shots, registration::MatchMetho
   registration::ReconstructionOptions options;
   options.method = method;
   options.ambiguous_share_max = 1;
+  options.may_be_lattice = true;
   registration::Reconstructor reconstructor(pair.calibration.zooms.at(0),
                                             pair.shots.front().left.size(), options);
   const auto result = reconstructor.reconstruct(std::span(pair.shots).first(shots));
@@ -116,17 +119,22 @@ void judge(const RenderedPair& pair, std::size_t shots, registration::MatchMetho
 int study(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
   const bool is_held_out = what == "held-out";
-  if (argc < 3 || (what != "training" && !is_held_out && what != "slips")) {
+  if (argc < 3 || (what != "training" && !is_held_out && what != "slips" && what != "lattices")) {
     std::fputs(
         "usage: holdfast-study-reconstruct training|held-out CACHE_FOLDER [only names that contain "
         "this]\n"
-        "       holdfast-study-reconstruct slips POSES aperiodic|lattice\n",
+        "       holdfast-study-reconstruct slips POSES aperiodic|lattice\n"
+        "       holdfast-study-reconstruct lattices CACHE_FOLDER\n",
         stderr);
     return 2;
   }
   cv::setNumThreads(2);
   if (what == "slips") {
     study_slips(1, std::atoi(argv[2]), argc > 3 && std::strcmp(argv[3], "lattice") == 0);
+    return 0;
+  }
+  if (what == "lattices") {
+    study_lattices(argv[2]);
     return 0;
   }
   for (const RenderedScene& scene : is_held_out ? held_out_scenes() : training_scenes()) {

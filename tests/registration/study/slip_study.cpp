@@ -46,6 +46,7 @@ Handed reconstructed(const StereoRig& rig, const registration::StereoShot& shot,
   registration::ReconstructionOptions options;
   options.match = registration::match_parameters_for({2456, 2054});
   if (!has_check) options.match->repetition.correlation_min = 2;  // never reached
+  options.may_be_lattice = !has_check;
   registration::Reconstructor reconstructor(rig.calibration(), rig.image_px, options);
   const registration::Reconstruction result = reconstructor.reconstruct(std::span(&shot, 1));
   double wrong = 0, known = 0;
@@ -87,8 +88,10 @@ void study_slips(int first, int poses, bool is_lattice) {
     const Handed handed = reconstructed(rig, shot, true);
     ++count.poses;
     count.refused += handed.status != registration::ReconstructionStatus::done ? 1 : 0;
-    count.refused_for_slip +=
-        handed.status == registration::ReconstructionStatus::period_slip ? 1 : 0;
+    count.refused_for_slip += handed.status == registration::ReconstructionStatus::period_slip ||
+                                      handed.status == registration::ReconstructionStatus::lattice
+                                  ? 1
+                                  : 0;
     count.undetected += handed.wrong > kSlip ? 1 : 0;
     count.worst = std::max(count.worst, handed.wrong);
     count.slipped += reconstructed(rig, shot, false).wrong > kSlip ? 1 : 0;
