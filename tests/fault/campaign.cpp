@@ -63,6 +63,7 @@ bool finds(Bug bug, std::uint64_t seed, int runs_per_class, std::string& by) {
   const World permitted = permitted_world(options);
   for (std::size_t i = 0; i < fault_classes().size(); ++i) {
     const FaultClass& fault = fault_classes()[i];
+    if (fault.is_of_guard) continue;
     for (int run = 0; run < runs_per_class; ++run) {
       const RunResult result = run_fault(permitted, fault, run_seed(seed, i, run));
       if (!result.is_hazard(fault) && !result.is_late(fault)) continue;

@@ -111,6 +111,17 @@ constexpr std::array kClasses = {
     FaultClass{"daemon_dead", "process", kSilence, kSilence, HOLDFAST_RUN(d.is_daemon_dead = true)},
     FaultClass{"publisher_dead", "process", kSilence, kSilence,
                HOLDFAST_RUN(d.is_publisher_dead = true)},
+    // Stopped and going on, again and again: what is short may pass unnoticed, if it does no harm.
+    FaultClass{"daemon_suspended_briefly", "process", kUnseen, 0,
+               HOLDFAST_RUN(d.daemon_pause = milliseconds(w.between(1, 20)))},
+    FaultClass{"daemon_suspended", "process", kSilence, kSilence,
+               HOLDFAST_RUN(d.daemon_pause = milliseconds(w.between(20, 300)))},
+    FaultClass{"guard_dead", "process", kUnseen, kSilence, HOLDFAST_RUN(d.is_guard_dead = true),
+               true},
+    FaultClass{"guard_suspended_briefly", "process", kUnseen, 0,
+               HOLDFAST_RUN(d.guard_pause = milliseconds(w.between(1, 20))), true},
+    FaultClass{"guard_suspended", "process", kUnseen, kSilence,
+               HOLDFAST_RUN(d.guard_pause = milliseconds(w.between(20, 300))), true},
     FaultClass{"queue_overflow", "memory", kSeen, kSeen, HOLDFAST_SET(d.has_overflow = true)},
     // registration, optics
     FaultClass{"registration_replaced", "registration", kSeen, kSeen,

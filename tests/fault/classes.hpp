@@ -16,6 +16,7 @@ struct FaultClass {
   /// The robot must be off this long after the fault began; 0: it may go on, if it is right.
   int reaction_max_ms;
   void (*disturb)(World& world);
+  bool is_of_guard = false;  ///< the guard's own: always with it
 };
 
 /// Declared for all: the true error at the target that a permitted robot may have, three times the

@@ -33,14 +33,14 @@ struct ClassResult {
   double error_max_mm = 0;
 };
 
-/// Half of the runs with the guard, half without: either must do.
+/// Half of the runs with the guard, half without: either must do. The guard's own faults: with it.
 ClassResult run_class(const World (&worlds)[2], std::size_t index, const Options& options) {
   const FaultClass& fault = fault_classes()[index];
   ClassResult total;
   for (int run = 0; run < options.runs; ++run) {
     if (bridge::is_interrupted()) throw InterruptedError("interrupted");
     const std::uint64_t seed = run_seed(options.seed, index, run);
-    const bool has_guard = run % 2 == 0;
+    const bool has_guard = fault.is_of_guard || run % 2 == 0;
     const RunResult r = run_fault(worlds[has_guard ? 0 : 1], fault, seed);
     total.reaction_max_ms = std::max(total.reaction_max_ms, r.reaction_ms);
     total.over_limit_max_ms = std::max(total.over_limit_max_ms, r.over_limit_max_ms);

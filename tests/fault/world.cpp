@@ -91,13 +91,15 @@ void World::run_operator() {
 
 void World::run_loop() {
   const Disturbance& d = disturbance;
-  if (d.is_daemon_dead || d.is_loop_stalled) return;
+  if (d.is_daemon_dead || d.is_loop_stalled || is_daemon_suspended_) return;
   run_operator();
   if (has_robot_input_) readings_.robot_status = robot_input_;
   has_robot_input_ = false;
   readings_.loop.message_corrupt = is_input_corrupt_;
   is_input_corrupt_ = false;
-  readings_.loop.wake_lateness = d.wake_lateness;
+  const nanoseconds lost = t_last_cycle_ == nanoseconds(0) ? kStep : now_ - t_last_cycle_;
+  t_last_cycle_ = now_;
+  readings_.loop.wake_lateness = d.wake_lateness + lost - kStep;
   readings_.loop.clock_divergence = d.has_clock_step ? milliseconds(5) : nanoseconds(0);
   readings_.loop.second_publisher = d.has_second_publisher;
   if (d.has_overflow) readings_.loop.internal_fault = true;
@@ -116,7 +118,7 @@ void World::run_loop() {
 }
 
 void World::run_guard() {
-  if (!options_.has_guard || disturbance.is_guard_dead) return;
+  if (!options_.has_guard || disturbance.is_guard_dead || is_guard_suspended_) return;
   const guard::GuardAnswer& answer = guard_.decide(now_);
   const bool is_changed = answer.cause != guard_cause_;
   guard_cause_ = answer.cause;
@@ -170,8 +172,15 @@ void World::report_robot(bool is_permitted) {
   status.is_enabled = is_permitted;
   status.has_fault = disturbance.has_robot_fault;
   protect(status, kRobot, ++robot_counter_, milliseconds(100), clocks());
-  if (!disturbance.is_guard_dead) guard_.take(status, clocks());
+  tell_guard(status);
   if (disturbance.is_cut_from_robot || disturbance.is_daemon_dead) return;
+  if (is_daemon_suspended_)
+    daemon_inbox_.push_back(status);
+  else
+    take_robot_status(status);
+}
+
+void World::take_robot_status(const msg::RobotStatus& status) {
   if (bridge::dds::check(status, robot_receiver_, clocks()) == safety::Verdict::accepted) {
     robot_input_ = bridge::dds::to_input(status, now_);
     has_robot_input_ = true;
@@ -183,9 +192,10 @@ void World::report_robot(bool is_permitted) {
 Observation World::step() {
   now_ += kStep;
   ++steps_;
+  run_scheduler();
   move_site();
   run_camera();
-  deliver_estimates();
+  if (!is_daemon_suspended_) deliver_estimates();
   run_microscope();
   run_loop();
   run_wire();

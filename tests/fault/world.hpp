@@ -9,6 +9,8 @@
 #include <deque>
 #include <optional>
 #include <random>
+#include <variant>
+#include <vector>
 
 #include <Eigen/Geometry>
 
@@ -94,6 +96,7 @@ struct Disturbance {
   bool is_masqueraded = false;  ///< another source sends permissions
   // Processes
   bool is_daemon_dead = false, is_publisher_dead = false, is_guard_dead = false;
+  nanoseconds daemon_pause{}, guard_pause{};  ///< stopped so long (SIGSTOP), then running as long
   // Robot and operator
   bool has_robot_fault = false, is_robot_silent = false;
   bool is_operator_stop = false, is_operator_corrupt = false;
@@ -121,6 +124,10 @@ class World {
   [[nodiscard]] double uniform(double low, double high) {
     return std::uniform_real_distribution<double>(low, high)(random_);
   }
+  /// Both included.
+  [[nodiscard]] int between(int least, int most) {
+    return std::uniform_int_distribution<int>(least, most)(random_);
+  }
   [[nodiscard]] safety::Reason cause() const { return state_.gate.cause; }
 
   Disturbance disturbance;
@@ -135,6 +142,14 @@ class World {
   [[nodiscard]] Eigen::Isometry3d T_camera_site_true() const;
   [[nodiscard]] bridge::dds::Clocks clocks() const;
   [[nodiscard]] bool happens(double probability);
+  void run_scheduler();
+  void suspend_daemon();
+  void resume_daemon();
+  void hear(const bridge::can::Frame& frame);
+  void take_robot_status(const msg::RobotStatus& status);
+  using GuardMessage =
+      std::variant<msg::MotionStop, msg::CompensatedPose, msg::TrackingHealth, msg::RobotStatus>;
+  void tell_guard(const GuardMessage& message);
   void move_site();
   void run_camera();
   void deliver_estimates();
@@ -162,6 +177,14 @@ class World {
   Eigen::Isometry3d T_robot_camera_ = Eigen::Isometry3d::Identity();
   safety::RegistrationInput registration_;
   Eigen::Vector3d p_target_ct_mm_ = Eigen::Vector3d::Zero();
+
+  // Processes that are stopped, and what has come for them meanwhile
+  nanoseconds t_pause_began_{}, t_last_cycle_{};
+  bool is_daemon_suspended_ = false, is_guard_suspended_ = false;
+  std::vector<bridge::can::Frame> bus_queue_;
+  std::vector<msg::RobotStatus> daemon_inbox_;
+  std::vector<GuardMessage> guard_inbox_;
+  std::vector<Envelope> half_sent_;  ///< protected, but not yet given to the wire
 
   // Camera and tracker
   nanoseconds t_next_exposure_{};

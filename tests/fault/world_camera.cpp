@@ -87,7 +87,6 @@ void World::run_camera() {
   p.t_estimate = now_ + milliseconds(16) + d.frame_delay + d.tracker_delay;
   p.arrival.frame = frame_;
   p.arrival.t_exposure = now_ + d.exposure_error;
-  p.arrival.t_received = p.t_arrival;
   if (options_.bug != Bug::faults_not_reported) {
     p.arrival.faults = d.frame_faults;
     if (d.is_skipping_frames) p.arrival.faults.insert(Reason::frame_gap);
@@ -110,8 +109,6 @@ void World::run_camera() {
     if (options_.bug == Bug::frames_stamped_on_arrival) e.motion.t_exposure = p.t_estimate;
     e.registration_id = registration_.id + (d.has_other_keyframe ? 1 : 0);
     e.frame = frame_;
-    e.t_frame_received = p.t_arrival;
-    e.t_published = p.t_estimate;
     p.estimate = e;
   } else if (options_.bug == Bug::estimate_repeated_as_new && newest_estimate_) {
     p.estimate = newest_estimate_;
@@ -124,12 +121,15 @@ void World::deliver_estimates() {
   for (Pending& p : pending_) {
     if (!p.has_arrived && p.t_arrival <= now_) {
       p.has_arrived = true;
+      p.arrival.t_received = now_;  // later than it came if nobody was awake to take it
       if (readings_.arrival_count < rt::Readings::kMaxArrivals)
         readings_.arrivals[readings_.arrival_count++] = p.arrival;
       else
         readings_.loop.internal_fault = true;
     }
     if (p.estimate && p.t_estimate <= now_ && p.has_arrived) {
+      p.estimate->t_frame_received = p.arrival.t_received;
+      p.estimate->t_published = now_;
       readings_.estimate = newest_estimate_ = p.estimate;
       p.estimate.reset();
     }

@@ -39,7 +39,7 @@ void World::run_microscope() {
         d.is_node_booting ? can::NodeState::booting : can::NodeState::operational,
         heartbeat_counter_};
     heartbeat_counter_ = (heartbeat_counter_ + 1) & 0x0f;
-    watch_.take(encode(heartbeat, 1, false), now_);
+    hear(encode(heartbeat, 1, false));
   }
   if (is_due) {
     const double zoom = d.is_encoder_stuck ? 1 : zoom_true();
@@ -50,11 +50,12 @@ void World::run_microscope() {
     state_counter_ = (state_counter_ + (d.is_node_skipping ? 2 : 1)) & 0x0f;
     can::Frame frame = encode(state, false);
     if (d.is_node_corrupt) frame.data[static_cast<std::size_t>(uniform(0, 7.99))] ^= 0x10;
-    watch_.take(frame, now_);
+    hear(frame);
   }
-  if (d.is_bus_off) watch_.take(error_frame(CAN_ERR_BUSOFF, 0), now_);
-  if (d.is_bus_passive) watch_.take(error_frame(CAN_ERR_CRTL, CAN_ERR_CRTL_TX_PASSIVE), now_);
+  if (d.is_bus_off) hear(error_frame(CAN_ERR_BUSOFF, 0));
+  if (d.is_bus_passive) hear(error_frame(CAN_ERR_CRTL, CAN_ERR_CRTL_TX_PASSIVE));
   if (d.is_bus_overflowing) ++bus_drops_;
+  if (is_daemon_suspended_) return;
   watch_.supervise(now_, !d.is_bus_down, bus_drops_);
   if (is_recovery_wanted_ && needs_recovery(watch_.faults())) watch_.forget();
   is_recovery_wanted_ = false;

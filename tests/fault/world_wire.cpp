@@ -25,7 +25,7 @@ void World::publish(const rt::ControlOutput& output) {
     figures.registration_id = newest_estimate_->registration_id;
     msg::TrackingHealth health = bridge::dds::to_message(newest_estimate_->motion, figures);
     protect(health, kDaemon, ++health_counter_, milliseconds(200), clocks());
-    if (!disturbance.is_guard_dead) guard_.take(health, clocks());
+    tell_guard(health);
     t_health_sent_ = now_;
   }
   const bool is_changed = decision.mode != sent_mode_ || decision.cause != sent_cause_;
@@ -115,11 +115,11 @@ void World::run_wire() {
     wire_.pop_front();
     if (e.stop) {
       client_.take(*e.stop, clocks());
-      if (!disturbance.is_guard_dead) guard_.take(*e.stop, clocks());
+      tell_guard(*e.stop);
     }
     if (e.pose) {
       client_.take(*e.pose, clocks());
-      if (!disturbance.is_guard_dead) guard_.take(*e.pose, clocks());
+      tell_guard(*e.pose);
     }
   }
 }
