@@ -14,7 +14,7 @@ namespace {
 
 constexpr int kTilePx = 128, kLagMinPx = 5, kLagMaxPx = 32;
 constexpr int kSpectrumPx = kTilePx + kLagMaxPx;  // no lag wraps round
-constexpr int kTilesMax = 16;  // on each level of the pyramid, of those with texture
+constexpr int kTilesMax = 9;  // on each level of the pyramid, of those with texture
 constexpr int kTilesAcross = 8;
 constexpr double kTextureMin = 1.5;  // grey levels, 1 sigma without the noise: less is no texture
 constexpr double kProminenceMin = 0.15;  // of a peak over the lowest point on the way to it
@@ -170,9 +170,17 @@ ImageRepetition repetition_on_level(const cv::Mat1b& image, WorkerPool& pool) {
 
 ImageRepetition repetition_of(const cv::Mat1b& image, WorkerPool& pool) {
   constexpr int kSideMinPx = 4 * kLagMaxPx;  // of the smallest level: four of its largest steps
+  constexpr int kLargePx = 2'000'000;  // no dots are so fine there that their pixels are needed
   ImageRepetition best;
   cv::Mat1b level = image;
-  for (double scale = 1;; scale *= 2) {
+  double scale = 1;
+  if (image.cols * image.rows > kLargePx) {
+    cv::Mat1b smaller;
+    halve(level, pool, smaller);
+    level = smaller;
+    scale = 2;
+  }
+  for (;; scale *= 2) {
     const ImageRepetition here = repetition_on_level(level, pool);
     if (here.share > best.share || best.parts == 0) {
       best = here;

@@ -12,7 +12,7 @@
 
 namespace holdfast::registration {
 
-/// More is a lattice. Rendered ones, at any zoom and of any dots, lie between 0.55 and 1, images of
+/// More is a lattice. Rendered ones, at any zoom and of any dots, lie between 0.66 and 1, images of
 /// aperiodic and random patterns below 0.36 (`holdfast-study-reconstruct lattices`).
 inline constexpr double kRepetitionMax = 0.45;
 
@@ -25,9 +25,9 @@ struct ImageRepetition {
   int parts = 0;        ///< of the image that were judged, at the step's scale
 };
 
-/// Steps from 5 px to an eighth of the image's smaller side, but no less than 20 px: some 250 px in
-/// a microscope's. `image`: one view, raw or rectified, CV_8UC1. Does not depend on the pool's
-/// number of threads.
+/// Steps from 5 px (10 in a microscope's image) to an eighth of the image's smaller side, but no
+/// less than 20 px: some 250 px in a microscope's. `image`: one view, raw or rectified, CV_8UC1.
+/// Does not depend on the pool's number of threads.
 [[nodiscard]] ImageRepetition repetition_of(const cv::Mat1b& image, WorkerPool& pool);
 
 }  // namespace holdfast::registration

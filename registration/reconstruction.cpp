@@ -9,6 +9,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "registration/coverage_map.hpp"
 #include "registration/pattern_lattice.hpp"
 #include "registration/stereo_checks.hpp"
 #include "rt/core/error.hpp"
@@ -113,6 +114,7 @@ struct Reconstructor::Impl {
         geometry(rectification_of(calibration, size)),
         pool(std::clamp(wanted.threads, 1, 64)) {
     if (wanted.method == MatchMethod::opencv) match.method = MatchMethod::opencv;
+    match.is_explained = wanted.is_explained;
     const double centre = wanted.depth_centre_mm > 0 ? wanted.depth_centre_mm : zoom.focus_mm;
     if (!(wanted.depth_reach_mm > 0) || !(centre - wanted.depth_reach_mm > 0))
       throw InputError(
@@ -285,6 +287,11 @@ void Reconstructor::Impl::reproject(const DisparityMap& map, Reconstruction& res
     }
   });
   for (const std::size_t n : known) result.points += n;
+  if (!map.reasons.empty()) result.reasons = map.reasons(cv::Rect({}, region.size())).clone();
+  constexpr double kEndlessMm = 1e6;
+  const double farthest = geometry.depth_mm(range.minimum_px);
+  result.nearest_mm = geometry.depth_mm(largest_px());
+  result.farthest_mm = farthest > 0 && std::isfinite(farthest) ? farthest : kEndlessMm;
   result.density = static_cast<double>(result.points) / region.area();
 }
 
@@ -325,6 +332,7 @@ Reconstruction Reconstructor::reconstruct(std::span<const StereoShot> shots) {
     result.depth_variance_mm2.release();
     result.confidence.release();
     result.points_mm.release();
+    result.reasons.release();
   }
   return result;
 }
@@ -370,6 +378,11 @@ TriangleMesh mesh_of(const Reconstruction& reconstruction, const Rectification& 
   mesh.R_rectified_camera.emplace();
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 3; ++c) (*mesh.R_rectified_camera)(r, c) = R1(r, c);
+  const ReconstructedView view{
+      geometry.size_px,       reconstruction.region_px,  geometry.focal_px(),
+      geometry.P1(0, 2),      geometry.P1(1, 2),         geometry.P2(0, 2),
+      geometry.baseline_mm(), reconstruction.nearest_mm, reconstruction.farthest_mm};
+  mesh.comments.push_back(view.comment());
   mesh.comments.push_back(fmt::format("image_repetition {:.3f}", reconstruction.image_repetition));
   if (reconstruction.is_for_comparison)
     mesh.comments.push_back(

@@ -59,6 +59,7 @@ struct ReconstructionOptions {
   /// Reconstruct under a lattice all the same, for a comparison: no surface for a registration.
   /// The mesh says so (kForComparison), and register_ct() refuses it.
   bool may_be_lattice = false;
+  bool is_explained = false;  ///< fill Reconstruction::reasons (sgm only)
 };
 
 struct ReconstructionTimes {
@@ -73,6 +74,8 @@ struct Reconstruction {
   cv::Mat1f disparity_px, depth_mm, depth_variance_mm2;  ///< NaN where unknown
   cv::Mat1f confidence;                                  ///< 0 … 1; 0 where unknown
   cv::Mat3f points_mm;                                   ///< rectified left; NaN where unknown
+  cv::Mat1b reasons;  ///< PixelReason, if asked for; as large as the maps above
+  double nearest_mm = 0, farthest_mm = 0;  ///< depths that were searched
   std::size_t points = 0;
   double density = 0;                ///< share of the region that is known
   double vertical_disparity_px = 0;  ///< rms over the image; what the calibration leaves
@@ -111,8 +114,8 @@ class Reconstructor {
                                       cv::Size image_px, float outside);
 
 /// Every `step`-th pixel's point, two triangles a grid cell; none across a depth edge (steeper than
-/// 80 degrees to the image plane). Carries R1, how far the image repeats itself, and
-/// kForComparison.
+/// 80 degrees to the image plane). Carries R1, the view (ReconstructedView), how far the image
+/// repeats itself, and kForComparison.
 [[nodiscard]] TriangleMesh mesh_of(const Reconstruction& reconstruction,
                                    const Rectification& geometry, int step = 1);
 

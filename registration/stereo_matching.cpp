@@ -164,6 +164,33 @@ RefinedOffsets refine_pyramid(std::span<const Level> levels, cv::Mat1i offsets,
   return refined;
 }
 
+/// What became of the matched candidates: on the grid of finest_level, what was not even handed on
+/// to the refinement; then, wherever the full grid has nothing, the first reason that applies.
+void explain(const sgm::LevelResult& result, const cv::Mat1i& offsets, int level,
+             const Repetition& repetition, int refined_level, DisparityMap& map) {
+  const auto value = [](PixelReason reason) { return static_cast<uchar>(reason); };
+  cv::Mat1b coarse(offsets.size());
+  for (int y = 0; y < coarse.rows; ++y)
+    for (int x = 0; x < coarse.cols; ++x)
+      coarse(y, x) = value(result.candidate_16ths(y, x) == sgm::kNone ? PixelReason::unmatched
+                           : offsets(y, x) == kNoOffset               ? PixelReason::outside
+                                                                      : PixelReason::uncertain);
+  map.reasons.create(map.disparity_px.size());
+  for (int y = 0; y < map.reasons.rows; ++y)
+    for (int x = 0; x < map.reasons.cols; ++x)
+      map.reasons(y, x) =
+          std::isnan(map.disparity_px(y, x))
+              ? coarse(std::min(y >> level, coarse.rows - 1), std::min(x >> level, coarse.cols - 1))
+              : value(PixelReason::known);
+  for (const WindowFit& fit : repetition.windows) {
+    if (!fit.is_ambiguous) continue;
+    const cv::Rect cell(fit.cell_px.tl() * (1 << refined_level),
+                        fit.cell_px.size() * (1 << refined_level));
+    cv::Mat1b part = map.reasons(cell & cv::Rect({}, map.reasons.size()));
+    part.setTo(value(PixelReason::repeating), part == value(PixelReason::uncertain));
+  }
+}
+
 DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange range,
                        const MatchParameters& parameters, WorkerPool& pool, Simd simd) {
   const auto start = Clock::now();
@@ -173,9 +200,8 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
   drop_uncertain(parameters, result);
   const auto matched = Clock::now();
   std::vector<ShotPair> shots;
-  RefinedOffsets refined =
-      refine_pyramid(levels, offsets_of(result, parameters.finest_level, pairs[0], pool),
-                     parameters, pool, simd, shots);
+  const cv::Mat1i offsets = offsets_of(result, parameters.finest_level, pairs[0], pool);
+  RefinedOffsets refined = refine_pyramid(levels, offsets, parameters, pool, simd, shots);
   const Repetition repetition =
       pattern_repetition(shots, refined.offset_px, range.count >> parameters.refined_level,
                          parameters.repetition, pool);
@@ -193,6 +219,8 @@ DisparityMap match_sgm(std::span<const RectifiedPair> pairs, DisparityRange rang
                             static_cast<float>(1 << (2 * parameters.refined_level));
   upsample({refined, result.margin, parameters.finest_level - parameters.refined_level}, upsampling,
            pool, {map.disparity_px, map.variance_px2, map.confidence}, simd);
+  if (parameters.is_explained)
+    explain(result, offsets, parameters.finest_level, repetition, parameters.refined_level, map);
   map.match_time = matched - start;
   map.refine_time = Clock::now() - matched;
   return map;

@@ -13,6 +13,7 @@
 
 #include "registration/disparity_refinement.hpp"
 #include "registration/pattern_repetition.hpp"
+#include "registration/pixel_reason.hpp"
 #include "registration/rectified_image.hpp"
 #include "registration/sgm.hpp"
 
@@ -43,6 +44,7 @@ struct MatchParameters {
   double edge_step_max = 1e9;
   int speckle_min_px = 400;   ///< smaller connected pieces (full-resolution pixels) are unknown
   double sigma_max_px = 0.8;  ///< predicted error; more: unknown
+  bool is_explained = false;  ///< say of each pixel why it has a disparity or none
   RepetitionParameters repetition;
   RefinementParameters refinement;         ///< its pixels are those of refined_level
   RefinementParameters coarse_refinement;  ///< of the levels before that, likewise in their pixels
@@ -67,6 +69,7 @@ struct DisparityMap {
   /// Of windows all over the scene, those that fit the other view nearly as well elsewhere on
   /// their rows (pattern_repetition.hpp): 1 for a lattice, 0 for a pattern that never repeats.
   double ambiguous_share = 0;
+  cv::Mat1b reasons;  ///< PixelReason; empty unless is_explained
   std::chrono::nanoseconds match_time{0}, refine_time{0};
 };
 

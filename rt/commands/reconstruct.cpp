@@ -47,7 +47,8 @@ constexpr const char* kExample =
 
 struct Options {
   std::vector<std::string> left, right;
-  std::string burst, calibration, pattern, out, depth, confidence, variance, method = "sgm";
+  std::string burst, calibration, pattern, out, depth, confidence, variance, reasons,
+      method = "sgm";
   std::vector<int> roi;
   double zoom = 0, depth_centre_mm = 0, depth_reach_mm = 30;
   int threads = 2, repeat = 1, step = 1;
@@ -104,6 +105,7 @@ registration::ReconstructionOptions reconstruction_options(const Options& option
   result.is_rectified = options.is_rectified;
   result.threads = options.threads;
   result.may_be_lattice = options.may_be_lattice;
+  result.is_explained = !options.reasons.empty();
   if (options.method == "opencv") result.method = registration::MatchMethod::opencv;
   return result;
 }
@@ -175,7 +177,30 @@ void write_files(const Options& options, const Reconstruction& result,
   add_map(options.depth, result.depth_mm, kNan);
   add_map(options.variance, result.depth_variance_mm2, kNan);
   add_map(options.confidence, result.confidence, 0.F);
+  if (!options.reasons.empty()) {
+    cv::Mat1b whole(geometry.size_px, static_cast<uchar>(registration::PixelReason::outside));
+    result.reasons.copyTo(whole(result.region_px));
+    std::vector<uchar> png;
+    cv::imencode(".png", whole, png);
+    add(options.reasons, {png.begin(), png.end()});
+  }
   for (bridge::AtomicFile& file : files) file.commit();
+}
+
+/// Shares of the region.
+nlohmann::ordered_json reasons_of(const Reconstruction& result) {
+  using registration::PixelReason;
+  nlohmann::ordered_json shares = nlohmann::ordered_json::object();
+  constexpr std::pair<const char*, PixelReason> kNames[] = {{"known", PixelReason::known},
+                                                            {"outside", PixelReason::outside},
+                                                            {"unmatched", PixelReason::unmatched},
+                                                            {"uncertain", PixelReason::uncertain},
+                                                            {"repeating", PixelReason::repeating}};
+  for (const auto& [name, reason] : kNames)
+    shares[name] =
+        static_cast<double>(cv::countNonZero(result.reasons == static_cast<uchar>(reason))) /
+        static_cast<double>(result.reasons.total());
+  return shares;
 }
 
 void report(const Options& options, const Reconstruction& result,
@@ -186,6 +211,7 @@ void report(const Options& options, const Reconstruction& result,
     nlohmann::ordered_json json;
     json["points"] = result.points;
     json["density"] = result.density;
+    if (!options.reasons.empty()) json["reasons"] = reasons_of(result);
     json["timing_ms"] = timing;
     json["rectification"] = {
         {"R1", rows_of(geometry.R1)}, {"P1", rows_of(geometry.P1)}, {"P2", rows_of(geometry.P2)}};
@@ -220,6 +246,8 @@ void run(Options& options) {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   bridge::catch_interrupts();
   if (!options.burst.empty()) add_burst(options);
+  if (options.method == "opencv" && !options.reasons.empty())
+    throw InputError("--reasons: --method opencv gives none");
   if (options.method == "opencv" && options.left.size() > 1)
     throw InputError("--method opencv takes one pair, not a burst");
   const auto calibration = registration::read_stereo_calibration(options.calibration);
@@ -286,6 +314,8 @@ void add_reconstruct(CLI::App& app) {
   reconstruct->add_option("--depth", options->depth, "Depth: 32-bit float TIFF, mm, NaN unknown");
   reconstruct->add_option("--variance", options->variance, "Variance of the depth: TIFF, mm2");
   reconstruct->add_option("--confidence", options->confidence, "Confidence 0 … 1: TIFF");
+  reconstruct->add_option("--reasons", options->reasons,
+                          "Why each pixel is known or not, for `register --coverage`: PNG");
   reconstruct->add_option("--step", options->step, "Points every so many pixels in the PLY")
       ->check(CLI::Range(1, 64))
       ->capture_default_str();

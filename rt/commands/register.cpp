@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -12,6 +13,8 @@
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
+#include "bridge/image_file.hpp"
+#include "registration/coverage_map.hpp"
 #include "registration/ct_registration.hpp"
 #include "registration/transform_file.hpp"
 #include "rt/commands/commands.hpp"
@@ -24,12 +27,16 @@ constexpr const char* kExample =
     "Example: four beads of the CT, four markers of the microscope, refined by the surfaces\n"
     "  holdfast register --fixed xspots.mrk.json --moving m.mrk.json --fixed-surface ct.ply \\\n"
     "      --moving-surface mire.ply --refine --target 12.0,-8.5,21.0 --out registration.json\n"
+    "With --coverage c.ply --reasons r.png: which parts of the CT's surface the reconstruction "
+    "covers, "
+    "and why\nnot the others.\n"
     "Points with equal labels correspond; without a common label the assignment is searched.\n"
     "Exit code 1: the registration is refused; the reason is on stderr and nothing is written.\n"
     "A CT whose pixels are mirrored, headers intact, is found here: no motion fits it.";
 
 struct Options {
   std::string fixed, moving, fixed_surface, moving_surface, out, tfm, expected_ct, keyframe, depth;
+  std::string coverage, reasons;
   std::vector<std::string> targets;
   double zoom = 0, focus_mm = 0;
   bool is_refined = false, is_json = false;
@@ -58,6 +65,10 @@ registration::RegistrationInput read_input(const Options& options) {
     throw InputError("--fixed-surface and --moving-surface are given together or not at all");
   if (options.is_refined && options.fixed_surface.empty())
     throw InputError("--refine needs --fixed-surface and --moving-surface");
+  if (!options.coverage.empty() && options.fixed_surface.empty())
+    throw InputError("--coverage needs --fixed-surface and --moving-surface");
+  if (!options.reasons.empty() && options.coverage.empty())
+    throw InputError("--reasons needs --coverage");
   if (!options.fixed_surface.empty()) {
     input.fixed_surface = registration::read_mesh(options.fixed_surface);
     input.moving_surface = registration::read_mesh(options.moving_surface);
@@ -69,6 +80,49 @@ registration::RegistrationInput read_input(const Options& options) {
   input.expected_ct = options.expected_ct;
   input.limits = options.limits;
   return input;
+}
+
+/// Empty when it is not asked for.
+std::optional<registration::CoverageMap> covered(const Options& options,
+                                                 const registration::RegistrationInput& input,
+                                                 const registration::CtRegistration& result) {
+  if (options.coverage.empty()) return {};
+  const auto view = registration::view_of(*input.moving_surface);
+  if (!view)
+    throw InputError(fmt::format(
+        "{}: does not say through which cameras it was made, as `reconstruct` writes it",
+        options.moving_surface));
+  cv::Mat1b reasons;
+  if (!options.reasons.empty()) {
+    const cv::Mat image = bridge::read_image_file(options.reasons);
+    if (image.type() != CV_8UC1 || image.size() != view->size_px)
+      throw InputError(fmt::format(
+          "{}: is {}x{} px, must be the 8-bit grey image of {}x{} px that "
+          "`reconstruct --reasons` wrote",
+          options.reasons, image.cols, image.rows, view->size_px.width, view->size_px.height));
+    reasons = image;
+  }
+  return registration::coverage_map(*input.fixed_surface, result.registration.T_camera_ct,
+                                    *input.moving_surface, *view, reasons, {});
+}
+
+nlohmann::json coverage_json(const registration::CoverageMap& map) {
+  nlohmann::json areas;
+  for (std::size_t k = 0; k < registration::kCoverages; ++k)
+    areas[std::string(name(static_cast<registration::Coverage>(k)))] = map.area_mm2.at(k);
+  return {{"visible_mm2", map.visible_mm2},
+          {"covered_share", map.covered_share},
+          {"area_mm2", areas},
+          {"agreement_mean_mm", map.agreement_mean_mm},
+          {"agreement_rms_mm", map.agreement_rms_mm}};
+}
+
+void report(const registration::CoverageMap& map) {
+  fmt::print("coverage: {:.1f} % of the {:.0f} mm2 that both cameras see, {:.3f} mm off\n",
+             100 * map.covered_share, map.visible_mm2, map.agreement_mean_mm);
+  for (std::size_t k = 0; k < registration::kCoverages; ++k)
+    fmt::print("  {:<13} {:9.1f} mm2\n", name(static_cast<registration::Coverage>(k)),
+               map.area_mm2.at(k));
 }
 
 /// The sealed file's members, and beside them the evidence.
@@ -127,18 +181,24 @@ void run(const Options& options) {
     registration.closest_point = registration::SurfaceAgreement{
         result.surface_fit->closest_point_mean_mm, result.surface_fit->closest_point_rmse_mm,
         result.surface_fit->overlap};
+  const auto coverage = covered(options, input, result);
   const std::string sealed = registration::sealed_registration(
       registration, std::filesystem::absolute(options.out).parent_path());
   bridge::write_file_atomically(options.out, sealed);
   if (!options.tfm.empty())
     bridge::write_file_atomically(options.tfm,
                                   registration::transform_text(registration.T_camera_ct));
-  if (options.is_json)
-    fmt::print(
-        "{}\n",
-        summary(sealed, result).dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
-  else
+  if (coverage)
+    bridge::write_file_atomically(options.coverage,
+                                  registration::coverage_ply(*input.fixed_surface, *coverage));
+  if (options.is_json) {
+    nlohmann::json json = summary(sealed, result);
+    if (coverage) json["coverage"] = coverage_json(*coverage);
+    fmt::print("{}\n", json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace));
+  } else {
     report(result);
+    if (coverage) report(*coverage);
+  }
 }
 
 }  // namespace
@@ -153,6 +213,11 @@ void add_register(CLI::App& app) {
   command->add_option("--moving-surface", options->moving_surface, "The reconstruction (PLY)");
   command->add_flag("--refine", options->is_refined,
                     "Fuse the surfaces with the fiducials, where that gains");
+  command->add_option("--coverage", options->coverage,
+                      "Which parts of the CT's surface were reconstructed, and why the others were "
+                      "not: PLY, a colour and a number a face");
+  command->add_option("--reasons", options->reasons,
+                      "For it: what `reconstruct --reasons` wrote beside the reconstruction");
   command->add_option("--target", options->targets, "x,y,z in the CT, mm; repeatable");
   command->add_option("--expect-ct", options->expected_ct,
                       "Series or frame of reference UID of the planned CT; another is refused");

@@ -151,6 +151,30 @@ TEST(Reconstruction, PointsDepthAndDisparityAreOneSurface) {
   EXPECT_EQ(known, result.points);
 }
 
+TEST(Reconstruction, ReasonsSayWhyAPixelIsUnknown) {
+  const StereoRig rig;
+  StereoShot shot{rig.left(), rig.right()};
+  shot.left(cv::Rect(150, 120, 80, 80)) = 60;  // nothing to be matched
+  ReconstructionOptions options;
+  options.is_explained = true;
+  const Reconstruction result = reconstruct(rig, shot, options);
+  ASSERT_EQ(result.status, Status::done) << result.evidence;
+  ASSERT_EQ(result.reasons.size(), result.depth_mm.size());
+  const auto reason = [&](int x, int y) { return static_cast<PixelReason>(result.reasons(y, x)); };
+  int outside = 0;
+  for (int y = 0; y < result.depth_mm.rows; ++y)
+    for (int x = 0; x < result.depth_mm.cols; ++x) {
+      ASSERT_EQ(std::isnan(result.depth_mm(y, x)), reason(x, y) != PixelReason::known);
+      outside += reason(x, y) == PixelReason::outside ? 1 : 0;
+    }
+  EXPECT_GT(outside, result.reasons.rows) << "what only the left view shows";
+  const cv::Rect painted = rectified_region(
+      rig.calibration(), rectification_of(rig.calibration(), rig.image_px), {150, 120, 80, 80});
+  const cv::Point flat = (painted.tl() + painted.br()) / 2;
+  EXPECT_EQ(reason(flat.x, flat.y), PixelReason::unmatched);
+  EXPECT_TRUE(reconstruct(rig, shot).reasons.empty()) << "only when asked for";
+}
+
 TEST(Reconstruction, RegionIsThatPartOfTheWhole) {
   const StereoRig rig;
   ReconstructionOptions options;
