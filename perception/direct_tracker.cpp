@@ -8,6 +8,7 @@
 #include "perception/direct_keyframe.hpp"
 #include "perception/image_shift.hpp"
 #include "perception/stage_timer.hpp"
+#include "perception/tied_keyframes.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "perception/tracker_rules.hpp"
 
@@ -21,7 +22,10 @@ struct DirectTracker::Impl {
   CameraModel camera;
   TrackerParameters parameters;
 
-  std::optional<DirectKeyframe> key;
+  std::optional<DirectKeyframe> first;
+  TiedKeyframes ties;
+  DirectKeyframe* key =
+      nullptr;  // in use: the first, or one tied to it; all poses here are since it
 
   int frames_since_learning = 0;  // what is fixed to the camera
 
@@ -30,7 +34,7 @@ struct DirectTracker::Impl {
   std::optional<Eigen::Isometry3d> T_newest, T_before;  // of the last frames, if not lost
   std::optional<std::chrono::nanoseconds> t_newest;
 
-  Impl(const CameraModel& c, const TrackerParameters& p) : camera(c), parameters(p) {
+  Impl(const CameraModel& c, const TrackerParameters& p) : camera(c), parameters(p), ties(c, p) {
     camera.distortion = c.distortion.clone();
   }
 
@@ -40,6 +44,10 @@ struct DirectTracker::Impl {
   bool accept(const Alignment& alignment, MotionEstimate& out);
   bool follow(MotionEstimate& out);
   bool relocalise(const cv::Mat& image, MotionEstimate& out);
+  bool relocalise_by_any(const cv::Mat& image, MotionEstimate& out);
+  void use(TiedKeyframe* next);
+  [[nodiscard]] Eigen::Vector3d p_pivot_of_first() const;
+  void tend_ties(const cv::Mat& image, MotionEstimate& out);
   void fill(const Alignment& alignment, MotionEstimate& out) const;
   void compare_chain(MotionEstimate& out);
   void compare_features(const cv::Mat& image, MotionEstimate& out);
@@ -50,13 +58,21 @@ struct DirectTracker::Impl {
   [[nodiscard]] bool is_contradicted(const MotionEstimate& out) const;
   bool learn_fixed(const cv::Mat& image, MotionEstimate& out);
   void forget_motion();
+  void lose(MotionEstimate& out);
 };
 
 void DirectTracker::Impl::forget_motion() {
   T_newest.reset();
   T_before.reset();
   shift.forget();
-  if (key) key->chain.break_off();
+  if (key != nullptr) key->chain.break_off();
+}
+
+/// The first keyframe is where the search begins.
+void DirectTracker::Impl::lose(MotionEstimate& out) {
+  out.status = TrackingStatus::lost;
+  forget_motion();
+  use(nullptr);
 }
 
 /// Constant velocity or none, whichever the image resembles more.
@@ -174,6 +190,79 @@ bool DirectTracker::Impl::relocalise(const cv::Mat& image, MotionEstimate& out) 
   return true;
 }
 
+/// Another keyframe from here on (none: the first): what is known of the motion is told since it.
+void DirectTracker::Impl::use(TiedKeyframe* next) {
+  DirectKeyframe& to = next != nullptr ? next->key : *first;
+  if (&to == key) return;
+  const TiedKeyframe* before = ties.current();
+  Eigen::Isometry3d T_to_key = Eigen::Isometry3d::Identity();
+  if (next != nullptr) T_to_key = next->tie.T_tied_first;
+  if (before != nullptr) T_to_key = T_to_key * before->tie.T_tied_first.inverse(Eigen::Isometry);
+  const Eigen::Isometry3d T_key_to = T_to_key.inverse(Eigen::Isometry);
+  if (T_newest) *T_newest = *T_newest * T_key_to;
+  if (T_before) *T_before = *T_before * T_key_to;
+  std::swap(key->chain, to.chain);
+  to.chain.rebase(T_to_key);
+  key = &to;
+  ties.use(next);
+}
+
+/// By the keyframe in use, by the first, and by one of the tied, a different one at every frame.
+bool DirectTracker::Impl::relocalise_by_any(const cv::Mat& image, MotionEstimate& out) {
+  if (relocalise(image, out)) return true;
+  TiedKeyframe* other = ties.current() != nullptr ? nullptr : ties.to_look_for();
+  if (other == nullptr && ties.current() == nullptr) return false;
+  const TrackingReason reason = out.reason;
+  forget_motion();
+  use(other);
+  if (relocalise(image, out)) return true;
+  out.reason = reason;
+  return false;
+}
+
+/// The pose since the first keyframe, if another is in use; and which is to be used from now on.
+void DirectTracker::Impl::tend_ties(const cv::Mat& image, MotionEstimate& out) {
+  const StageTimer timer(out.times.ties);
+  const auto degrade = [&] {
+    out.status = TrackingStatus::degraded;
+    out.reason = TrackingReason::tie_doubtful;
+  };
+  const TieVerdict verdict = ties.tend(*first, image, pyramid, out);
+  if (ties.current() != nullptr) {
+    const CheckedPose pose = ties.since_first(*first, {out.T_camera_site, out.covariance});
+    set_pose(pose.T_camera_site, pose.covariance, first->given.site, out);
+    out.keyframe = ties.current()->number;
+  }
+  if (verdict.is_loose) degrade();
+  switch (verdict.change) {
+    case TieVerdict::Change::none:
+      return;
+    case TieVerdict::Change::to_first:
+      return use(nullptr);
+    case TieVerdict::Change::to_tied:
+      return use(verdict.next);
+    case TieVerdict::Change::doubted:
+      break;
+  }
+  use(nullptr);
+  ties.drop_all();
+  degrade();
+  if (verdict.of_first.is_solved) {
+    fill(verdict.of_first, out);
+    out.keyframe = 0;
+    T_newest = out.T_camera_site;
+    T_before.reset();
+  } else {
+    out.status = TrackingStatus::lost;  // where the site is, only the features of the first know
+  }
+}
+
+/// In the frame of the keyframe in use.
+Eigen::Vector3d DirectTracker::Impl::p_pivot_of_first() const {
+  const Eigen::Vector3d& p_first = first->given.site.p_pivot_mm();
+  return ties.current() != nullptr ? ties.current()->tie.T_tied_first * p_first : p_first;
+}
+
 /// Follows the chain to this frame and compares. A chain that broke says nothing; one that
 /// disagrees leaves it to the features.
 void DirectTracker::Impl::compare_chain(MotionEstimate& out) {
@@ -193,7 +282,7 @@ void DirectTracker::Impl::compare_chain(MotionEstimate& out) {
     out.frame_to_frame_dx_um = 1000 * before.z() * flow.x();
     out.frame_to_frame_dy_um = 1000 * before.z() * flow.y();
     out.has_drift = true;
-    out.drift_um = displacement_um(out.T_camera_site, *T_chained, key->given.site.p_pivot_mm());
+    out.drift_um = displacement_um(out.T_camera_site, *T_chained, p_pivot_of_first());
   }
   const bool agrees = T_chained && out.drift_um <= parameters.health.drift_good_um / 2;
   const bool goes_on = agrees && chain.length() < parameters.health.chain_length_max;
@@ -256,19 +345,15 @@ void DirectTracker::Impl::estimate(const cv::Mat& image, MotionEstimate& out) {
     make_pyramid(image, pyramid);
   }
   bool is_followed = T_newest && follow(out);
-  bool is_found = is_followed || relocalise(image, out);
+  bool is_found = is_followed || relocalise_by_any(image, out);
   if (is_found && is_contradicted(out)) {
     is_followed = false;
-    is_found = learn_fixed(image, out);
+    is_found = ties.current() == nullptr && learn_fixed(image, out);
     if (!is_found) out.reason = TrackingReason::fixed_pattern;
   } else if (is_found) {
     frames_since_learning = 0;
   }
-  if (!is_found) {
-    out.status = TrackingStatus::lost;
-    forget_motion();
-    return;
-  }
+  if (!is_found) return lose(out);
   if (!is_followed) {
     if (out.status == TrackingStatus::tracking) out.status = TrackingStatus::relocalised;
     T_newest.reset();
@@ -277,13 +362,12 @@ void DirectTracker::Impl::estimate(const cv::Mat& image, MotionEstimate& out) {
   compare_chain(out);
   if (is_followed) compare_features(image, out);
   object(out);
-  if (out.status == TrackingStatus::lost) {
-    forget_motion();
-    return;
-  }
+  if (out.status == TrackingStatus::lost) return lose(out);
   T_before = T_newest;
   T_newest = out.T_camera_site;
   shift.remember(pyramid.levels[kCoarsest]);
+  tend_ties(image, out);
+  if (out.status == TrackingStatus::lost) lose(out);
 }
 
 /// The former keyframe stays when this one cannot serve.
@@ -291,15 +375,15 @@ TrackingReason DirectTracker::Impl::take_keyframe(const GivenKeyframe& given,
                                                   const cv::Mat& moving_half) {
   DirectKeyframeResult made = make_direct_keyframe(given, moving_half, camera, parameters);
   if (!made.keyframe) return made.reason;
-  key.emplace(std::move(*made.keyframe));
+  first.emplace(std::move(*made.keyframe));
+  key = &*first;
+  ties.start(moving_half);
   forget_motion();
   return TrackingReason::none;
 }
 
 DirectTracker::DirectTracker(const CameraModel& camera, const TrackerParameters& parameters)
-    : impl_(std::make_unique<Impl>(camera, parameters)) {
-  require_valid(camera, parameters);
-}
+    : impl_((require_valid(camera, parameters), std::make_unique<Impl>(camera, parameters))) {}
 DirectTracker::~DirectTracker() = default;
 DirectTracker::DirectTracker(DirectTracker&&) noexcept = default;
 DirectTracker& DirectTracker::operator=(DirectTracker&&) noexcept = default;
@@ -327,14 +411,14 @@ MotionEstimate DirectTracker::track(const cv::Mat& image, std::chrono::nanosecon
   MotionEstimate out;
   out.t_exposure = t_exposure;
   const auto start = std::chrono::steady_clock::now();
-  if (s.key) out.reason = unusable_image(s.camera, image);
+  if (s.key != nullptr) out.reason = unusable_image(s.camera, image);
   if (out.reason == TrackingReason::none && s.t_newest && t_exposure <= *s.t_newest)
     out.reason = TrackingReason::time_not_increasing;
   if (out.reason == TrackingReason::none) {
     s.t_newest = t_exposure;
     s.estimate(image, out);
-  } else if (out.reason != TrackingReason::time_not_increasing) {
-    s.forget_motion();
+  } else if (out.reason != TrackingReason::time_not_increasing && s.key != nullptr) {
+    s.lose(out);
   }
   if (out.status == TrackingStatus::lost) out = without_pose(out);
   out.times.total = std::chrono::steady_clock::now() - start;

@@ -63,4 +63,12 @@ void FrameChain::link(const Pyramid& image, const DirectTemplate& keyframe,
   length_ = is_new ? 0 : length_ + 1;
 }
 
+void FrameChain::rebase(const Eigen::Isometry3d& T_other_site) {
+  for (PatchGeometry& patch : patches_[0].geometry) {
+    patch.p_site_mm = T_other_site * patch.p_site_mm;
+    patch.tangents_mm = T_other_site.linear() * patch.tangents_mm;
+  }
+  if (T_last_) *T_last_ = *T_last_ * T_other_site.inverse(Eigen::Isometry);
+}
+
 }  // namespace holdfast::perception

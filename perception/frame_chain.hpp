@@ -32,6 +32,8 @@ class FrameChain {
   /// `is_new`: a new chain starts here.
   void link(const Pyramid& image, const DirectTemplate& keyframe,
             const Eigen::Isometry3d& T_camera_site, bool is_new);
+  /// The same chain told in another keyframe's frame of the site.
+  void rebase(const Eigen::Isometry3d& T_other_site);
 
  private:
   Projector projector_;

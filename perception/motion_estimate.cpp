@@ -49,6 +49,8 @@ std::string_view name(TrackingReason reason) noexcept {
       return "check_disagreement";
     case TrackingReason::fixed_pattern:
       return "fixed_pattern";
+    case TrackingReason::tie_doubtful:
+      return "tie_doubtful";
     case TrackingReason::unchecked:
       return "unchecked";
   }

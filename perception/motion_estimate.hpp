@@ -33,13 +33,14 @@ enum class TrackingReason : std::uint8_t {
   time_not_increasing,  ///< not exposed after the frame before: duplicated or swapped stamps
   check_disagreement,   ///< features, checked independently, see another motion
   unchecked,            ///< features have found no motion for too long
-  fixed_pattern         ///< the image has changed all over, yet what is found has not moved
+  fixed_pattern,        ///< the image has changed all over, yet what is found has not moved
+  tie_doubtful          ///< the tie between the keyframe in use and the first cannot be relied on
 };
 [[nodiscard]] std::string_view name(TrackingReason reason) noexcept;
 
 struct StageTimes {  ///< wall time of each stage of this frame
-  std::chrono::nanoseconds mask{}, detect{}, match{}, model{};    ///< Tracker
-  std::chrono::nanoseconds pyramid{}, align{}, chain{}, check{};  ///< DirectTracker
+  std::chrono::nanoseconds mask{}, detect{}, match{}, model{};            ///< Tracker
+  std::chrono::nanoseconds pyramid{}, align{}, chain{}, check{}, ties{};  ///< DirectTracker
   std::chrono::nanoseconds total{};
 };
 
@@ -70,17 +71,23 @@ struct MotionEstimate {
   bool has_drift = false;           ///< the frame-to-frame chain is unbroken since its last anchor
   /// |frame-to-frame chain - keyframe-anchored| at the pivot, in the image plane. The chain is
   /// anchored anew after a break, every HealthParameters::chain_length_max frames while both agree,
-  /// and after a disagreement that a search without prediction has decided.
+  /// and after a disagreement that a search without prediction has decided. It goes on from one
+  /// keyframe to the next: a change of keyframe does not anchor it.
   double drift_um = 0;
 
   // DirectTracker only.
-  double zncc = 0;         ///< mean likeness of the inliers to the keyframe, -1..1
-  double brightness = 1;   ///< relative to the keyframe
-  double contrast = 1;     ///< of the texture; against `brightness`, what blur or smoke took
-  double noise_grey = 0;   ///< of one pixel, what the motion does not explain
-  bool has_check = false;  ///< the next two are of a check not reported before
-  double check_um = 0;     ///< |features - direct| at the pivot, in the image plane
-  double check_sigma = 0;  ///< the same in standard deviations of both
+  double zncc = 0;            ///< mean likeness of the inliers to the keyframe, -1..1
+  double brightness = 1;      ///< relative to the keyframe
+  double contrast = 1;        ///< of the texture; against `brightness`, what blur or smoke took
+  double noise_grey = 0;      ///< of one pixel, what the motion does not explain
+  bool has_check = false;     ///< the next two are of a check not reported before
+  double check_um = 0;        ///< |features - direct| at the pivot, in the image plane
+  double check_sigma = 0;     ///< the same in standard deviations of both
+  int keyframe = 0;           ///< in use: 0 the first, 1, 2, ... one tied to it; all poses and
+                              ///< covariances are since the first whichever it is
+  bool has_tie_jump = false;  ///< the first keyframe was seen again: the next two are measured
+  double tie_jump_um = 0;     ///< |by way of the tie - against the first| at the pivot
+  double tie_jump_sigma = 0;  ///< the same in standard deviations, of all six freedoms
   StageTimes times;
 };
 

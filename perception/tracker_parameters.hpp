@@ -102,6 +102,22 @@ struct CheckParameters {
   int failures_max = 30;     ///< checks in a row that find no motion; beyond: degraded
 };
 
+/// DirectTracker: keyframes taken later, tied to the first. Strain: how far a pose is from its
+/// keyframe; 1 at the smallest overlap, or at HealthParameters' largest scale change or rotation.
+struct TieParameters {
+  int keyframes_max = 4;       ///< tied ones kept; 0: none is made
+  double overlap_min = 0.2;    ///< share of a keyframe's patches in view, at a strain of 1
+  double strain_new = 0.5;     ///< above: another keyframe is made; below: the first is used again
+  double strain_leave = 0.75;  ///< above: a tied keyframe that sees more takes over
+  double share_good = 0.7;     ///< inliers of the visible patches: below, none is made or proved,
+                               ///< and by a tied one it is degraded
+  int proofs = 2;              ///< other frames that must agree before one is used
+  int watch_every = 1;         ///< frames; so often the first is looked for from a tied one
+  double limit_um = 5, limit_sigma = 6;  ///< a difference beyond both is a wrong tie
+  double sigma_max_um = 25;              ///< in the image plane: beyond, degraded, and none is made
+  double rotation_sigma_max_rad = 1e-3;  ///< likewise, about any axis
+};
+
 struct TrackerParameters {
   ReflectionMaskParameters mask;
   FeatureParameters features;
@@ -111,6 +127,7 @@ struct TrackerParameters {
   HealthParameters health;
   DirectParameters direct;
   CheckParameters check;
+  TieParameters ties;
 };
 
 /// The first parameter out of its range, in one line with value, limit and unit; empty when all are

@@ -106,7 +106,7 @@ struct Description<perception::StageTimes> {
   static constexpr std::string_view kName = "holdfast_msgs/StageTimes";
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
-    auto& [mask, detect, match, model, pyramid, align, chain, check, total] = v;
+    auto& [mask, detect, match, model, pyramid, align, chain, check, ties, total] = v;
     archive("mask_ns", mask);
     archive("detect_ns", detect);
     archive("match_ns", match);
@@ -115,6 +115,7 @@ struct Description<perception::StageTimes> {
     archive("align_ns", align);
     archive("chain_ns", chain);
     archive("check_ns", check);
+    archive("ties_ns", ties);
     archive("total_ns", total);
   }
 };
@@ -127,7 +128,7 @@ struct Description<perception::MotionEstimate> {
     auto& [status, reason, t_exposure, T_camera_site, covariance, p_pivot, dx, dy, rotation, scale,
            features, matches, inliers, inlier_spread, rms, has_frame_to_frame, frame_dx, frame_dy,
            has_drift, drift, zncc, brightness, contrast, noise, has_check, check, check_sigma,
-           times] = v;
+           keyframe, has_tie_jump, tie_jump, tie_jump_sigma, times] = v;
     archive("status", status);
     archive("reason", reason);
     archive("t_exposure_ns", t_exposure);
@@ -155,6 +156,10 @@ struct Description<perception::MotionEstimate> {
     archive("has_check", has_check);
     archive("check_um", check);
     archive("check_sigma", check_sigma);
+    archive("keyframe", keyframe);
+    archive("has_tie_jump", has_tie_jump);
+    archive("tie_jump_um", tie_jump);
+    archive("tie_jump_sigma", tie_jump_sigma);
     archive("times", times);
   }
 };

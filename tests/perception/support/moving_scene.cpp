@@ -148,6 +148,20 @@ cv::Mat MovingScene::depth_mm() const {
   return depth;
 }
 
+perception::SiteDepth MovingScene::wide_depth(int beside_px) const {
+  perception::SiteDepth wide;
+  wide.grid = perception::PixelGrid{camera_.fx_px, camera_.fy_px, camera_.cx_px + beside_px,
+                                    camera_.cy_px + beside_px};
+  wide.depth_mm =
+      cv::Mat(camera_.height_px + 2 * beside_px, camera_.width_px + 2 * beside_px, CV_32FC1);
+  for (int y = 0; y < wide.depth_mm.rows; ++y)
+    for (int x = 0; x < wide.depth_mm.cols; ++x)
+      wide.depth_mm.at<float>(y, x) =
+          static_cast<float>(surface_mm((x - wide.grid->cx_px) / wide.grid->fx_px,
+                                        (y - wide.grid->cy_px) / wide.grid->fy_px));
+  return wide;
+}
+
 Eigen::Isometry3d moved_about(const Eigen::Vector3d& pivot_mm, const Eigen::Vector3d& t_mm,
                               const Eigen::Vector3d& r_rad) {
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();

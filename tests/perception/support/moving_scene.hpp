@@ -43,6 +43,8 @@ class MovingScene {
                               std::uint64_t seed = 1) const;
   /// Depth on the keyframe's undistorted pixel grid.
   [[nodiscard]] cv::Mat depth_mm() const;
+  /// Also of what lies beside the keyframe's image, by so many pixels.
+  [[nodiscard]] perception::SiteDepth wide_depth(int beside_px) const;
   [[nodiscard]] Eigen::Vector3d p_pivot_mm() const { return {0, 0, surface_mm(0, 0)}; }
 
  private:
