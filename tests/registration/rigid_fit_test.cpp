@@ -220,11 +220,12 @@ TEST(RigidFit, CovarianceIsAboutTheStatedPerturbation) {
 
 TEST(RigidFit, RefusesWhatDoesNotDetermineARotation) {
   FiducialSet set;
-  for (const double x : {0.0, 20.0}) set.pairs.push_back({"", {x, 0, 0}, {x, 0, 200}, {}, {}});
+  const Eigen::Matrix3d none = Eigen::Matrix3d::Zero();  // {} would leave Eigen's numbers unset
+  for (const double x : {0.0, 20.0}) set.pairs.push_back({"", {x, 0, 0}, {x, 0, 200}, none, none});
   EXPECT_EQ(fit_rigid(set).status, FitStatus::too_few);
-  set.pairs.push_back({"", {50, 0.1, 0}, {50, 0.1, 200}, {}, {}});
+  set.pairs.push_back({"", {50, 0.1, 0}, {50, 0.1, 200}, none, none});
   EXPECT_EQ(fit_rigid(set).status, FitStatus::collinear);
-  set.pairs.back() = {"", {10, 10, 0}, {10, 10, 200}, {}, {}};
+  set.pairs.back() = {"", {10, 10, 0}, {10, 10, 200}, none, none};
   EXPECT_EQ(fit_rigid(set).status, FitStatus::fitted);
 }
 
