@@ -14,7 +14,7 @@ Eigen::Isometry3d read_robot_camera(const ConfigSection& robot) {
   if (!robot.has("translation_mm") || !robot.has("rotation_xyzw"))
     throw InputError(
         fmt::format("{} and rotation_xyzw are required: without T_robot_camera no pose can be "
-                    "given or judged",
+                    "given or judged; `holdfast hand-eye` measures it",
                     robot.where("translation_mm")));
   const auto t = robot.numbers("translation_mm", {}, 3, {-5'000, 5'000});
   const auto q = robot.numbers("rotation_xyzw", {}, 4, {-1, 1});

@@ -8,8 +8,8 @@
 #include "bridge/camera_file.hpp"
 #include "bridge/config_file.hpp"
 #include "bridge/recorder/segment_folder.hpp"
-#include "bridge/robot_config.hpp"
 #include "rt/core/error.hpp"
+#include "rt/robot_place.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -173,13 +173,6 @@ OpticsParameters read_optics(const ConfigSection& section) {
   return optics;
 }
 
-safety::HandEyeSigma read_hand_eye_sigma(const ConfigSection& section) {
-  safety::HandEyeSigma sigma;
-  sigma.t_mm = section.number("sigma_t_mm", sigma.t_mm, {0, 10});
-  sigma.r_rad = section.number("sigma_r_rad", sigma.r_rad, {0, 0.1});
-  return sigma;
-}
-
 std::optional<RecorderConfig> read_recorder(const ConfigSection& root) {
   if (!root.has("recorder")) return std::nullopt;
   const ConfigSection section = root.section("recorder");
@@ -232,8 +225,7 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   config.optics = read_optics(root.section("microscope"));
   config.filter = read_filter(root.section("filter"));
   config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
-  config.T_robot_camera = bridge::read_robot_camera(root.section("robot"));
-  config.hand_eye_sigma = read_hand_eye_sigma(root.section("robot"));
+  RobotPlace robot = read_robot_place(root.section("robot"));
   config.recorder = read_recorder(root);
   const ConfigSection registration = root.section("registration");
   const std::filesystem::path calibration_file = root.section("camera").path("calibration");
@@ -256,6 +248,9 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
       !(config.registration.zoom > 0 && config.registration.focus_mm > 0))
     throw InputError(fmt::format("{}: states no zoom and focus_mm to hold the microscope's against",
                                  registration_file.string()));
+  load_robot_place(robot, config.calibration, config.registration, config.limits);
+  config.T_robot_camera = robot.T_robot_camera;
+  config.hand_eye_sigma = robot.sigma;
   config.p_target_ct_mm = target_of(registration, stated_target, config.registration);
   return config;
 }

@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
   holdfast::rt::add_doctor(app);
   holdfast::rt::add_evaluate(app);
   holdfast::rt::add_fiducials(app);
+  holdfast::rt::add_hand_eye(app);
   holdfast::rt::add_keys(app);
   holdfast::rt::add_markers(app);
   holdfast::rt::add_optimize_pattern(app);

@@ -65,9 +65,10 @@ struct Description<safety::HandEyeSigma> {
   static constexpr std::string_view kName = "holdfast_msgs/HandEyeSigma";
   template <typename Archive, typename Value>
   static void fields(Archive& archive, Value& v) {
-    auto& [t_mm, r_rad] = v;
+    auto& [t_mm, r_rad, covariance] = v;
     archive("t_mm", t_mm);
     archive("r_rad", r_rad);
+    archive("covariance", covariance);
   }
 };
 

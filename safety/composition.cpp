@@ -38,12 +38,14 @@ Matrix6d covariance_at_target(const Inputs& inputs) noexcept {
   const PredictedPose& prediction =
       *inputs.prediction;  // NOLINT(bugprone-unchecked-optional-access)
   const Eigen::Vector3d arm = prediction.T_camera_site * inputs.registration.p_target_site_mm;
-  Matrix6d root = Matrix6d::Zero();
-  root.topLeftCorner<3, 3>().diagonal().setConstant(inputs.hand_eye_sigma.t_mm);
-  root.topRightCorner<3, 3>() = -inputs.hand_eye_sigma.r_rad * skew(arm);
-  root.bottomRightCorner<3, 3>().diagonal().setConstant(inputs.hand_eye_sigma.r_rad);
-  const Matrix6d sum =
-      covariance_at_target(prediction, inputs.registration) + root * root.transpose();
+  const HandEyeSigma& sigma = inputs.hand_eye_sigma;
+  Matrix6d hand_eye = rotated(inputs.T_robot_camera.linear().transpose(), sigma.covariance);
+  hand_eye.topLeftCorner<3, 3>().diagonal().array() += sigma.t_mm * sigma.t_mm;
+  hand_eye.bottomRightCorner<3, 3>().diagonal().array() += sigma.r_rad * sigma.r_rad;
+  Matrix6d transport = Matrix6d::Identity();
+  transport.topRightCorner<3, 3>() = -skew(arm);
+  const Matrix6d sum = covariance_at_target(prediction, inputs.registration) +
+                       transport * hand_eye * transport.transpose();
   return 0.5 * (sum + sum.transpose());
 }
 

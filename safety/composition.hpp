@@ -12,10 +12,11 @@
 //   Prediction error is already about the target; both are independent, to first order
 //                                       C_camera = C_pred + B(R_cs)·C_site·B(R_cs)^T
 //   Hand-eye error turns about the camera; at the target, b = T_camera_site(now)·p_t, it adds
-//   C_hand_eye = K·diag(s_t^2 I, s_r^2 I)·K^T, K = [I, -[b]x; 0, I]
+//   C_hand_eye = K·(diag(s_t^2 I, s_r^2 I) + C_measured)·K^T, K = [I, -[b]x; 0, I]
+//   with the measured part's axes, the robot's, turned to the camera's: B(R_rc)^T·C·B(R_rc)
 //   Robot axes, still about the target: C_robot  = B(R_rc)·(C_camera + C_hand_eye)·B(R_rc)^T
 //
-// with B(R) = diag(R, R); being alike along all axes, the hand-eye error may be added in either.
+// with B(R) = diag(R, R).
 #pragma once
 
 #include <Eigen/Geometry>

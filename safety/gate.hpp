@@ -82,11 +82,13 @@ struct OpticsInput {
   bool is_moving = false;  ///< a drive runs
 };
 
-/// 1 sigma of the hand-eye calibration, alike along all axes: p_robot = Exp(r)·R·p_camera + t + dt,
-/// that is, turning about the camera. Zero takes T_robot_camera as exact.
+/// What is not known of the hand-eye calibration: p_robot = Exp(r)·R·p_camera + t + dt, that is,
+/// turning about the camera. The sum of both counts; all zero takes T_robot_camera as exact.
 struct HandEyeSigma {
-  double t_mm = 0;
+  double t_mm = 0;  ///< 1 sigma, alike along all axes
   double r_rad = 0;
+  /// tx,ty,tz,rx,ry,rz (mm, rad), fixed robot axes, as measured.
+  Matrix6d covariance = Matrix6d::Zero();
 };
 
 struct RobotInput {

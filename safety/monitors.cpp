@@ -29,6 +29,12 @@ bool has_valid_numbers(const TrackingInput& tracking) noexcept {
          (!tracking.has_drift || is_magnitude(tracking.drift_mm)) && is_magnitude(tracking.scale);
 }
 
+bool has_valid_numbers(const HandEyeSigma& sigma) noexcept {
+  // Zero is a statement here: the transform is exact, or its error is given by the other two.
+  return is_magnitude(sigma.t_mm) && is_magnitude(sigma.r_rad) &&
+         (sigma.covariance.isZero(0) || is_covariance(sigma.covariance));
+}
+
 bool has_valid_numbers(const OpticsInput& optics) noexcept {
   return !optics.is_known || (is_magnitude(optics.zoom) && is_magnitude(optics.focus_mm));
 }
@@ -86,8 +92,7 @@ ReasonSet report_reasons(const LoopInput& loop) noexcept {
 ReasonSet number_reasons(const Inputs& inputs) noexcept {
   const bool has_motion = inputs.tracking.has_estimate && !inputs.tracking.is_lost;
   const bool is_valid =
-      is_rigid(inputs.T_robot_camera) && is_magnitude(inputs.hand_eye_sigma.t_mm) &&
-      is_magnitude(inputs.hand_eye_sigma.r_rad) &&
+      is_rigid(inputs.T_robot_camera) && has_valid_numbers(inputs.hand_eye_sigma) &&
       (!inputs.prediction || has_valid_numbers(*inputs.prediction)) &&
       (!inputs.registration.is_loaded || has_valid_numbers(inputs.registration)) &&
       (!has_motion || has_valid_numbers(inputs.tracking)) &&

@@ -13,6 +13,7 @@ void add_demo(CLI::App& app);
 void add_doctor(CLI::App& app);
 void add_evaluate(CLI::App& app);
 void add_fiducials(CLI::App& app);
+void add_hand_eye(CLI::App& app);
 void add_keys(CLI::App& app);
 void add_markers(CLI::App& app);
 void add_optimize_pattern(CLI::App& app);

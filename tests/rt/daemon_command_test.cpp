@@ -11,8 +11,11 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "bridge/camera_file.hpp"
 #include "bridge/dds/daemon_claim.hpp"
 #include "bridge/key_store.hpp"
+#include "registration/hand_eye_file.hpp"
+#include "rt/daemon_config.hpp"
 #include "tests/sim/demo/rig.hpp"
 
 namespace {
@@ -32,7 +35,10 @@ class DaemonCommand : public ::testing::Test {
     ASSERT_NO_THROW(holdfast::sim::write_registration(setup_));
     is_rendered_ = true;
   }
-  static void TearDownTestSuite() { fs::remove_all(setup_); }
+  static void TearDownTestSuite() {
+    fs::remove_all(setup_);
+    is_rendered_ = false;
+  }
   void SetUp() override {
     ASSERT_NO_FATAL_FAILURE(render_setup());
     folder_ = fs::path(::testing::TempDir()) /
@@ -129,6 +135,86 @@ TEST_F(DaemonCommand, ChecksWhereToRecord) {
   expect_refused("camera.yaml is not a folder");
   replace("folder = \"camera.yaml\"", "size_max_mb = 100");
   expect_refused("recorder.folder");
+}
+
+/// Where the camera stands, as measured with the virtual microscope's own calibration.
+class DaemonHandEye : public DaemonCommand {
+ protected:
+  void SetUp() override {
+    ASSERT_NO_FATAL_FAILURE(DaemonCommand::SetUp());
+    const auto camera = holdfast::bridge::read_camera_file((folder_ / "camera.yaml").string());
+    const auto registration =
+        holdfast::registration::load_registration(folder_ / "registration.json");
+    found_.T_robot_camera = Eigen::Translation3d(120, -35, 310) * Eigen::Isometry3d::Identity();
+    found_.covariance = 1e-6 * holdfast::registration::Matrix6d::Identity();
+    found_.zoom = registration.zoom;
+    found_.focus_mm = registration.focus_mm;
+    found_.image_width_px = camera.width_px;
+    found_.image_height_px = camera.height_px;
+    found_.camera_matrix << camera.fx_px, 0, camera.cx_px, 0, camera.fy_px, camera.cy_px, 0, 0, 1;
+    const auto begin = config_.find("[robot]"), end = config_.find("\n[", begin + 1);
+    ASSERT_NE(begin, std::string::npos);
+    config_.replace(begin, end - begin, "[robot]\nhand_eye = \"hand_eye.json\"\n");
+  }
+  void write() {
+    std::ofstream(folder_ / "hand_eye.json") << holdfast::registration::sealed_hand_eye(found_);
+  }
+  void expect_refused_file(const std::string& part) {
+    write();
+    expect_refused(part);
+    EXPECT_NE(err_.find("hand_eye.json"), std::string::npos) << err_;
+  }
+  holdfast::registration::HandEyeCalibration found_;
+};
+
+TEST_F(DaemonHandEye, TakesTheFileWithItsCovariance) {
+  RecordProperty("requirement", "SR-140,SR-31");
+  write();
+  EXPECT_EQ(run("--check"), 0) << err_;
+  const auto config = holdfast::rt::load_daemon_config(folder_ / "d.toml");
+  EXPECT_TRUE(config.T_robot_camera.isApprox(found_.T_robot_camera));
+  EXPECT_TRUE(config.hand_eye_sigma.covariance.isApprox(found_.covariance));
+}
+
+TEST_F(DaemonHandEye, RefusesToStartWithoutOne) {
+  RecordProperty("requirement", "SR-140");
+  expect_refused("hand_eye.json");  // named, but not there
+  replace("hand_eye = \"hand_eye.json\"", "");
+  expect_refused("without T_robot_camera no pose can be given");
+}
+
+TEST_F(DaemonHandEye, RefusesATypedTransformWithoutItsUncertainty) {
+  RecordProperty("requirement", "SR-140");
+  const std::string typed =
+      "translation_mm = [120.0, -35.0, 310.0]\nrotation_xyzw = [0, 0, 0, 1.0]\n";
+  replace("hand_eye = \"hand_eye.json\"", typed + "sigma_t_mm = 0\n");
+  expect_refused("robot.sigma_r_rad");
+  replace("sigma_t_mm = 0\n", "sigma_t_mm = 0\nsigma_r_rad = 0\n");
+  EXPECT_EQ(run("--check"), 0) << err_;
+  replace("sigma_t_mm", "hand_eye = \"hand_eye.json\"\nsigma_t_mm");
+  expect_refused("contradicts hand_eye");
+}
+
+TEST_F(DaemonHandEye, RefusesAnotherSetUpsFile) {
+  RecordProperty("requirement", "SR-140");
+  const auto good = found_;
+  found_.zoom *= 1.01;
+  expect_refused_file("made at zoom");
+  found_ = good;
+  found_.focus_mm += 1;
+  expect_refused_file("working distance");
+  found_ = good;
+  found_.image_width_px += 2;
+  expect_refused_file("px, the camera's are");
+  found_ = good;
+  found_.camera_matrix(0, 2) += 0.15 / good.focus_mm * good.camera_matrix(0, 0);
+  expect_refused_file("another camera calibration");
+  found_ = good;
+  write();
+  std::string text = content(folder_ / "hand_eye.json");
+  text.replace(text.find("120.0"), 5, "121.0");
+  std::ofstream(folder_ / "hand_eye.json") << text;
+  expect_refused("wrong checksum");
 }
 
 TEST_F(DaemonCommand, RefusesToBeUnsecuredUnlessAsked) {

@@ -133,6 +133,27 @@ TEST_F(CompositionTest, HandEyeUncertaintyAgreesWithSampledErrors) {
   EXPECT_LT(difference.cwiseAbs().maxCoeff(), 0.03);  // as above
 }
 
+TEST_F(CompositionTest, MeasuredHandEyeCovarianceIsInRobotAxesAboutTheCamera) {
+  RecordProperty("requirement", "SR-12,SR-31");
+  // A mode in robot axes that moves the target, and one that leaves it where it is.
+  const Eigen::Vector3d b_robot =
+      inputs.T_robot_camera.linear() *
+      (inputs.prediction->T_camera_site * inputs.registration.p_target_site_mm);
+  const Eigen::Vector3d turn = 1e-3 * Eigen::Vector3d(0.3, -0.5, 0.8);
+  const Matrix6d without = covariance_at_target(*inputs.prediction, inputs.registration);
+  for (const Eigen::Vector3d& at_target :
+       {Eigen::Vector3d(0.02, -0.05, 0.03), Eigen::Vector3d(0, 0, 0)}) {
+    Vector6d mode;
+    mode << at_target - turn.cross(b_robot), turn;  // dt + r x b is the target's motion
+    inputs.hand_eye_sigma.covariance = mode * mode.transpose();
+    const Matrix6d added =
+        rotated(inputs.T_robot_camera.linear(), covariance_at_target(inputs) - without);
+    Vector6d expected;
+    expected << at_target, turn;
+    EXPECT_TRUE(added.isApprox(expected * expected.transpose(), 1e-6)) << added;
+  }
+}
+
 TEST_F(CompositionTest, HandEyeUncertaintyCountsAgainstTheLimit) {
   RecordProperty("requirement", "SR-12,SR-31");
   ASSERT_EQ(to_permitted().mode, Mode::permitted);
@@ -145,6 +166,21 @@ TEST_F(CompositionTest, HandEyeUncertaintyCountsAgainstTheLimit) {
   EXPECT_GT(sigma_max_mm(within.approved->covariance()), 0.5 * limits.sigma_target_max_mm);
   const Decision beyond = step(turned(1.1 * limits.sigma_target_max_mm));
   EXPECT_EQ(beyond.cause, Reason::covariance_exceeded);
+}
+
+TEST_F(CompositionTest, MeasuredHandEyeUncertaintyCountsAgainstTheLimit) {
+  RecordProperty("requirement", "SR-12,SR-31");
+  ASSERT_EQ(to_permitted().mode, Mode::permitted);
+  const auto moved = [&](double sigma_mm) {
+    return [=](Inputs& in) {
+      in.hand_eye_sigma.covariance.setIdentity();
+      in.hand_eye_sigma.covariance *= 1e-14;  // as good as no turn
+      in.hand_eye_sigma.covariance.topLeftCorner<3, 3>().diagonal().setConstant(sigma_mm *
+                                                                                sigma_mm);
+    };
+  };
+  EXPECT_TRUE(step(moved(0.5 * limits.sigma_target_max_mm)).approved);
+  EXPECT_EQ(step(moved(1.1 * limits.sigma_target_max_mm)).cause, Reason::covariance_exceeded);
 }
 
 TEST_F(CompositionTest, NothingIsJudgedWithoutPredictionOrRegistration) {

@@ -97,6 +97,9 @@ std::vector<Fault> bad_numbers() {
       bad_number("RegistrationZoomNan", [](In& in) { in.registration.zoom = kNan; }),
       bad_number("RegistrationFocusNegative", [](In& in) { in.registration.focus_mm = -200; }),
       bad_number("HandEyeSigmaNan", [](In& in) { in.hand_eye_sigma.t_mm = kNan; }),
+      bad_number("HandEyeCovarianceNan", [](In& in) { in.hand_eye_sigma.covariance(4, 4) = kNan; }),
+      bad_number("HandEyeCovarianceHalfFilledIn",
+                 [](In& in) { in.hand_eye_sigma.covariance(0, 0) = 1e-4; }),
       bad_number("HandEyeSigmaNegative", [](In& in) { in.hand_eye_sigma.r_rad = -1e-4; }),
   };
 }
