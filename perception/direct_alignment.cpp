@@ -106,6 +106,7 @@ struct DirectAligner::Impl {
   AlignmentQuality quality(int visible);
   double middle_of_inliers(float Row::*value);
   Matrix6d covariance() const;
+  static Matrix6d sloping(const std::array<Vector6d, kCells>& by_cell);
 };
 
 void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
@@ -249,6 +250,20 @@ AlignmentQuality DirectAligner::Impl::quality(int visible) {
   return q;
 }
 
+/// Relief is smooth: it also slopes across the image, in both directions, and what slopes turns and
+/// scales the picture as the site moves.
+Matrix6d DirectAligner::Impl::sloping(const std::array<Vector6d, kCells>& by_cell) {
+  constexpr double kMiddle = 0.5 * (kSightingCells - 1);
+  const double rms = std::sqrt((kSightingCells * kSightingCells - 1) / 12.0);  // of a coordinate
+  Eigen::Matrix<double, 6, 2> slopes = Eigen::Matrix<double, 6, 2>::Zero();
+  for (std::size_t k = 0; k < kCells; ++k) {
+    const std::size_t column = k % kSightingCells, row = k / kSightingCells;
+    slopes.col(0) += (static_cast<double>(column) - kMiddle) / rms * by_cell[k];
+    slopes.col(1) += (static_cast<double>(row) - kMiddle) / rms * by_cell[k];
+  }
+  return slopes * slopes.transpose();
+}
+
 /// H^-1 (sum over the error's causes of what each does to the gradient) H^-1: noise and the shared
 /// error patch by patch, the depth in common within a cell and over the image, interpolation in
 /// common over the image.
@@ -272,6 +287,7 @@ Matrix6d DirectAligner::Impl::covariance() const {
   }
   for (const Vector6d& cell : by_cell) spread.noalias() += 0.5 * cell * cell.transpose();
   spread.noalias() += 0.5 * by_depth * by_depth.transpose() + common * common.transpose();
+  if (freedom == Freedom::planar) spread += sloping(by_cell);
   Matrix6d out = inverse * spread * inverse;
   if (freedom == Freedom::planar)
     out.diagonal().segment<2>(3).array() += uncertainty.tilt_sigma_rad * uncertainty.tilt_sigma_rad;

@@ -86,6 +86,29 @@ INSTANTIATE_TEST_SUITE_P(Scenes, DirectTrackerTruth,
                            return std::string(param_info.param.label);
                          });
 
+/// Relief that is not modelled: 1 mm rms over a plane, as UncertaintyParameters says, smooth, as
+/// tissue is.
+TEST(DirectTracker, APlaneKnowsThatItsReliefIsUnknown) {
+  const CameraModel camera = test::microscope_camera(512, 384);
+  const test::MovingScene scene(camera, test::photograph(), kDepthMm, 2);
+  DirectTracker tracker(camera, TrackerParameters{});
+  ASSERT_EQ(tracker.set_keyframe(scene.image(kStill, 2, 999), SitePlane{kDepthMm}),
+            TrackingReason::none);
+  double chi2 = 0;
+  constexpr int kFrames = 6;
+  for (int i = 1; i <= kFrames; ++i) {
+    const Eigen::Isometry3d T =
+        test::moved_about({0, 0, kDepthMm}, {-0.5 * i, 0.2 * i, 0.1 * i}, {0, 0, 0.01 * i});
+    const auto e = tracker.track(scene.image(T, 2, static_cast<std::uint64_t>(i)),
+                                 std::chrono::milliseconds(33 * i));
+    ASSERT_EQ(e.status, TrackingStatus::tracking) << i << ' ' << name(e.reason);
+    const Vector6d error = error_of(e, T);
+    chi2 += error.dot(e.covariance.ldlt().solve(error));
+  }
+  EXPECT_LT(chi2 / kFrames, 6 * 1.6);  // as above
+  EXPECT_GT(chi2 / kFrames, 0.1);
+}
+
 TEST(DirectTracker, IsNotMisledByOtherLight) {
   const CameraModel camera = test::microscope_camera(kWidthPx, kHeightPx);
   const test::MovingScene scene(camera, test::photograph(), kDepthMm);
