@@ -157,7 +157,9 @@ void add_demo_command(CLI::App& app) {
                     "with DDS Security: keys for everybody, made for this run");
   command->add_flag("--quick", options->is_quick, "short trajectories");
   command->add_option("--json", options->json_file, "write the result to this file as JSON");
-  command->footer("Example: holdfast demo --out demo-out --json demo-out/result.json");
+  command->footer(
+      "Example: holdfast demo --out demo-out --json demo-out/result.json\n"
+      "What comes before it, from calibration to registration: holdfast demo --setup --help");
   command->callback([options] { run_demo(*options); });
 }
 
