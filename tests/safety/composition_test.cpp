@@ -154,6 +154,31 @@ TEST_F(CompositionTest, MeasuredHandEyeCovarianceIsInRobotAxesAboutTheCamera) {
   }
 }
 
+/// Exact, and with arms so short that an error of a millimetre in them shows: sampling does not see
+/// it at an arm's usual length.
+TEST_F(CompositionTest, ATurnMovesTheTargetByItsCrossProductWithTheArm) {
+  RecordProperty("requirement", "SR-12,SR-31");
+  const Eigen::Vector3d arm(1, -2, 3);
+  constexpr double kSigmaRad = 1e-3;
+  inputs.T_robot_camera = inputs.prediction->T_camera_site = Eigen::Isometry3d::Identity();
+  inputs.prediction->covariance.setZero();
+  inputs.registration.p_target_site_mm = arm;
+  inputs.registration.T_site_ct = Eigen::Isometry3d::Identity();
+  Eigen::Matrix3d of_all = Eigen::Matrix3d::Zero();
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    inputs.registration.covariance.setZero();
+    inputs.registration.covariance(3 + axis, 3 + axis) = kSigmaRad * kSigmaRad;
+    const Eigen::Vector3d moved = kSigmaRad * Eigen::Vector3d::Unit(axis).cross(arm);
+    const Matrix6d computed = covariance_at_target(*inputs.prediction, inputs.registration);
+    EXPECT_TRUE((computed.topLeftCorner<3, 3>().isApprox(moved * moved.transpose(), 1e-9)));
+    of_all += moved * moved.transpose();
+  }
+  inputs.registration.covariance.setZero();
+  inputs.hand_eye_sigma = {};
+  inputs.hand_eye_sigma.r_rad = kSigmaRad;
+  EXPECT_TRUE((covariance_at_target(inputs).topLeftCorner<3, 3>().isApprox(of_all, 1e-9)));
+}
+
 TEST_F(CompositionTest, HandEyeUncertaintyCountsAgainstTheLimit) {
   RecordProperty("requirement", "SR-12,SR-31");
   ASSERT_EQ(to_permitted().mode, Mode::permitted);

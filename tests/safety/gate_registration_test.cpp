@@ -52,6 +52,12 @@ TEST_F(GateTest, BecomesReadyWithoutTheRobot) {
   EXPECT_EQ(decision.cause, Reason::robot_silent);
 }
 
+/// What the robot says of itself tells nothing of the image.
+TEST_F(GateTest, TheKeyframeIsVerifiedWhileTheRobotIsFaulty) {
+  run(milliseconds(100), [](Inputs& in) { in.robot.has_fault = true; });
+  EXPECT_TRUE(state.is_keyframe_verified);
+}
+
 TEST_F(GateTest, VerifiesOnlyWithAnImageExposedAfterTheRegistrationCame) {
   RecordProperty("requirement", "SR-32");
   step();
