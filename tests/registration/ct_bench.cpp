@@ -86,6 +86,18 @@ registration::TriangleMesh surface_at(const registration::CtVolume& volume, doub
   return registration::isosurface(volume, options);
 }
 
+/// A sphere of 120 voxels, smooth: as few triangles as a volume of this size may have.
+registration::CtVolume plain_sphere(registration::CtVolume like) {
+  auto value = like.hu.begin();
+  for (int k = 0; k < like.size[2]; ++k)
+    for (int j = 0; j < like.size[1]; ++j)
+      for (int i = 0; i < like.size[0]; ++i, ++value) {
+        const Eigen::Vector3d p(i - 0.5 * kColumns, j - 0.5 * kRows, k - 0.5 * kSlices);
+        *value = static_cast<std::int16_t>(1000 * std::tanh((120 - p.norm()) / 3));
+      }
+  return like;
+}
+
 /// The same voxels as VTK wants them; no copy.
 void show_to_vtk(const registration::CtVolume& volume, vtkImageData* image) {
   vtkNew<vtkShortArray> values;
@@ -106,10 +118,16 @@ void run_filter(vtkImageData* image, double iso_hu) {
   filter->Update();
 }
 
-void bench_isosurface(const registration::CtVolume& volume, int repeats, std::vector<Row>& rows) {
+struct Level {
+  const char* name;
+  double iso_hu;
+};
+
+void bench_isosurface(const registration::CtVolume& volume, const std::vector<Level>& levels,
+                      int repeats, std::vector<Row>& rows) {
   vtkNew<vtkImageData> image;
   show_to_vtk(volume, image);
-  for (const auto& [name, iso_hu] : {std::pair{"bone", 226.0}, {"skin", -142.0}}) {
+  for (const auto& [name, iso_hu] : levels) {
     Row cubes{fmt::format("ct_isosurface_{}", name), {}, {}}, edges = cubes;
     edges.name += "_over_flying_edges";
     for (int i = 0; i < repeats; ++i) {
@@ -173,7 +191,9 @@ void run(int repeats, const char* out) {
     const sim::CtVolume scan = scanned_head();
     (void)write_dicom_series(scan, {}, folder.path / "ct");
   }
-  bench_isosurface(registration::read_ct_series((folder.path / "ct").string()), repeats, rows);
+  const registration::CtVolume head = registration::read_ct_series((folder.path / "ct").string());
+  bench_isosurface(head, {{"bone", 226}, {"skin", -142}}, repeats, rows);
+  bench_isosurface(plain_sphere(head), {{"sphere", 0}}, repeats, rows);
   bench_command(folder.path, repeats, rows);
   for (const Row& row : rows) {
     fmt::print("{:<40} ours {:8.1f} ms", row.name, quantile(row.ours_ms, 0.5));
