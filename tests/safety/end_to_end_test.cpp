@@ -204,6 +204,10 @@ TEST_F(ReceiverTest, RefusesExtremeStampsWithoutOverflow) {
   EXPECT_EQ(receive(extreme, nanoseconds(-2)), Verdict::expired);
 }
 
+TEST_F(ReceiverTest, AClockMayBeginAtZero) {
+  EXPECT_EQ(receive(message(1, nanoseconds(0))), Verdict::accepted);
+}
+
 TEST_F(ReceiverTest, RefusesTimeReversal) {
   RecordProperty("requirement", "SR-44");
   ASSERT_EQ(receive(message(1, kStart)), Verdict::accepted);

@@ -64,6 +64,9 @@ TEST_P(EveryFault, KeepsItFromBeingArmed) {
   });
   EXPECT_NE(decision.mode, Mode::permitted);
   EXPECT_FALSE(decision.approved);
+  // By the gate's own rule, not by its last look at itself, which would have stopped it.
+  EXPECT_EQ(decision.reasons.contains(Reason::internal_fault),
+            GetParam().reason == Reason::internal_fault);
 }
 
 TEST_P(EveryFault, PreventsTheEndOfALatchedStop) {

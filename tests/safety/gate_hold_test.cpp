@@ -39,7 +39,7 @@ TEST_F(GateTest, RecoveryFromACameraFaultCountsFromTheNextGoodFrame) {
   RecordProperty("requirement", "SR-05,SR-23");
   to_permitted();
   step(dark_frame);
-  const Timestamp t_dark = state.t_frame_at_fault;
+  const Timestamp t_dark = test::good_inputs(now).camera.t_last_frame_received;
   // The dark frame stays the newest for 30 ms, without a further event.
   const auto no_frame = [&](Inputs& in) { in.camera.t_last_frame_received = t_dark; };
   EXPECT_EQ(run(milliseconds(30), no_frame).mode, Mode::hold);

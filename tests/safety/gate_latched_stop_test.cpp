@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The end of a latched stop.
+#include <limits>
+
 #include <gtest/gtest.h>
 
 #include "safety/gate.hpp"
@@ -62,6 +64,29 @@ TEST_F(LatchedStop, RefusesConfirmationTooEarlyOrTooLate) {
 TEST_F(LatchedStop, RefusesAConfirmationWithoutAcknowledgement) {
   run(limits.confirm_min);
   EXPECT_EQ(command(Command::confirm, 1).mode, Mode::stop_latched);
+}
+
+/// However recently the stop before it was acknowledged.
+TEST_F(LatchedStop, AnAcknowledgementIsOfOneStopOnly) {
+  ASSERT_EQ(acknowledge_and_confirm(limits.confirm_min), Mode::ready);
+  ASSERT_EQ(command(Command::stop).stop_id, 2U);
+  EXPECT_EQ(command(Command::confirm, 2).mode, Mode::stop_latched);
+  state = GateState{};
+  to_ready();
+  state.is_acknowledged = true;  // as nothing should leave it
+  state.t_acknowledged = now;
+  ASSERT_EQ(command(Command::stop).stop_id, 1U);
+  run(limits.confirm_min);
+  EXPECT_EQ(command(Command::confirm, 1).mode, Mode::stop_latched);
+}
+
+TEST_F(LatchedStop, ItsNumberIsNeverZero) {
+  state = GateState{};
+  to_ready();
+  state.stop_id = std::numeric_limits<std::uint32_t>::max() - 1;
+  EXPECT_EQ(command(Command::stop).stop_id, std::numeric_limits<std::uint32_t>::max());
+  ASSERT_EQ(acknowledge_and_confirm(limits.confirm_min), Mode::ready);
+  EXPECT_EQ(command(Command::stop).stop_id, 1U);
 }
 
 TEST_F(LatchedStop, RefusesAWrongStopIdInEitherStep) {

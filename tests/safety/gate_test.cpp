@@ -65,6 +65,16 @@ TEST_F(GateTest, APoseIsForTheInstantOfItsUse) {
   EXPECT_EQ(decision.approved->validity(), limits.pose_validity);
 }
 
+TEST_F(GateTest, RemembersWhenItsModeBegan) {
+  to_permitted();
+  const Timestamp t_permitted = now;
+  EXPECT_EQ(state.t_mode_entered, t_permitted);
+  run(milliseconds(5));
+  EXPECT_EQ(state.t_mode_entered, t_permitted);
+  command(Command::stop);
+  EXPECT_EQ(state.t_mode_entered, now);
+}
+
 TEST_F(GateTest, DisarmingEndsPermission) {
   to_permitted();
   const Decision decision = command(Command::disarm);
