@@ -99,6 +99,8 @@ perception::TrackerParameters read_tracker(const ConfigSection& section) {
   tracker.uncertainty.depth_sigma_mm =
       section.number("depth_sigma_mm", tracker.uncertainty.depth_sigma_mm, {0, 20});
   tracker.mask.is_enabled = section.boolean("reflection_mask", tracker.mask.is_enabled);
+  // Off unless asked for: how true they are is shown with exact depth only.
+  tracker.ties.keyframes_max = section.integer("tied_keyframes", 0, {0, 16});
   return tracker;
 }
 

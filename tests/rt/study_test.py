@@ -143,6 +143,10 @@ def setup(folder, rig_command):
     config = config.replace("width_px = 1920", "width_px = 2456")
     config = config.replace("height_px = 1080", "height_px = 2054")
     config = config.replace('security = "keys/daemon"', "allow_unsecured = true")
+    # The rig has no robot: where the camera stands in its frame is typed.
+    config = config.replace('hand_eye = "hand_eye.json"', "\n".join([
+        "translation_mm = [0.0, 0.0, 0.0]", "rotation_xyzw = [0.0, 0.0, 0.0, 1.0]", "sigma_t_mm = 0.05",
+        "sigma_r_rad = 1e-4"]))
     (folder / "holdfastd.toml").write_text(config)
     daemon = ["--config", folder / "holdfastd.toml", "--check"]
     code, out, err = run(*daemon, program=HOLDFASTD)
