@@ -156,9 +156,8 @@ perception::SiteDepth MovingScene::wide_depth(int beside_px) const {
       cv::Mat(camera_.height_px + 2 * beside_px, camera_.width_px + 2 * beside_px, CV_32FC1);
   for (int y = 0; y < wide.depth_mm.rows; ++y)
     for (int x = 0; x < wide.depth_mm.cols; ++x)
-      wide.depth_mm.at<float>(y, x) =
-          static_cast<float>(surface_mm((x - wide.grid->cx_px) / wide.grid->fx_px,
-                                        (y - wide.grid->cy_px) / wide.grid->fy_px));
+      wide.depth_mm.at<float>(y, x) = static_cast<float>(surface_mm(
+          (x - wide.grid->cx_px) / wide.grid->fx_px, (y - wide.grid->cy_px) / wide.grid->fy_px));
   return wide;
 }
 
