@@ -67,6 +67,7 @@ TEST(Tie, ErrorOfThePoseFollowsFromThoseOfItsTwoParts) {
 }
 
 TEST(Tie, CovarianceHoldsForWhateverCorrelation) {
+  RecordProperty("requirement", "SR-139");
   std::mt19937 random(6);
   for (int i = 0; i < 20; ++i) {
     const Matrix6d A = some_covariance(random, 0.003, 1e-4),
