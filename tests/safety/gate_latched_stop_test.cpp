@@ -86,7 +86,9 @@ TEST_F(LatchedStop, ItsNumberIsNeverZero) {
   state.stop_id = std::numeric_limits<std::uint32_t>::max() - 1;
   EXPECT_EQ(command(Command::stop).stop_id, std::numeric_limits<std::uint32_t>::max());
   ASSERT_EQ(acknowledge_and_confirm(limits.confirm_min), Mode::ready);
-  EXPECT_EQ(command(Command::stop).stop_id, 1U);
+  const Decision wrapped = command(Command::stop);
+  EXPECT_EQ(wrapped.stop_id, 1U);
+  EXPECT_EQ(wrapped.cause, Reason::operator_stop);  // not by the gate's last look at itself
 }
 
 TEST_F(LatchedStop, RefusesAWrongStopIdInEitherStep) {
