@@ -65,7 +65,7 @@ def shown_in_help(text):
 def words_of(command):
     try:
         return shlex.split(command, comments=True)
-    except ValueError:  # an apostrophe in a placeholder
+    except ValueError:  # an apostrophe that is no quote
         return command.split()
 
 
