@@ -8,9 +8,9 @@
 #include <fmt/format.h>
 
 #include "bridge/command_line.hpp"
-#include "bridge/dds/endpoint.hpp"
 #include "rt/core/error.hpp"
 #include "rt/dashboard/snapshot.hpp"
+#include "rt/observer/observer.hpp"
 
 namespace holdfast::dashboard {
 namespace {
@@ -18,7 +18,8 @@ namespace {
 using bridge::HttpBody;
 using bridge::dds::Clocks;
 using bridge::dds::read_clocks;
-using bridge::dds::Reader;
+using observer::Observer;
+using std::chrono::milliseconds;
 
 constexpr nanoseconds kLookPeriod = milliseconds(5);
 /// An answer is composed once and given to all who ask meanwhile: a quarter of the pages' period.
@@ -60,48 +61,6 @@ std::filesystem::path page_beside_program() {
          "share/holdfast/dashboard";
 }
 
-/// The topics, read as an observer.
-class Observer {
- public:
-  explicit Observer(const DashboardConfig& config)
-      : participant_({.domain = static_cast<std::uint32_t>(config.domain),
-                      .configuration = {},
-                      .security = config.security.folder.string()}),
-        stops_(participant_),
-        guard_(participant_),
-        health_(participant_),
-        registrations_(participant_),
-        robot_(participant_),
-        poses_(participant_),
-        state_(config.observer) {}
-
-  void look() {
-    drain(stops_);
-    drain(guard_);
-    drain(health_);
-    drain(registrations_);
-    drain(robot_);
-    drain(poses_);
-    state_.pass(read_clocks());
-  }
-  [[nodiscard]] const ObservedState& state() const noexcept { return state_; }
-
- private:
-  template <class M>
-  void drain(Reader<M>& reader) {
-    reader.drain([this](const M& message, Clocks now) { state_.take(message, now); });
-  }
-
-  bridge::dds::Participant participant_;
-  Reader<msg::MotionStop> stops_;
-  Reader<msg::GuardPermission> guard_;
-  Reader<msg::TrackingHealth> health_;
-  Reader<msg::RegistrationInfo> registrations_;
-  Reader<msg::RobotStatus> robot_;
-  Reader<msg::CompensatedPose> poses_;
-  ObservedState state_;
-};
-
 /// An answer kept for the others who ask at the same time.
 template <class F>
 std::function<HttpBody()> shared_answer(F compose) {
@@ -141,7 +100,10 @@ void run_dashboard(const DashboardConfig& config) {
   bridge::HttpServer server(http);
   add_page(server, config.page.empty() ? page_beside_program() : config.page);
   add_surfaces(server, config.surfaces);
-  Observer observer(config);
+  Observer observer({.domain = static_cast<std::uint32_t>(config.domain),
+                     .configuration = {},
+                     .security = config.security.folder.string()},
+                    config.observer);
   server.add("/state", "application/json",
              shared_answer([&observer](Clocks now) { return state_json(observer.state(), now); }));
   server.add("/history", "application/json",

@@ -8,15 +8,15 @@
 
 #include "bridge/http/http_server.hpp"
 #include "bridge/security_config.hpp"
-#include "rt/dashboard/observed_state.hpp"
 #include "rt/dashboard/surface_files.hpp"
+#include "rt/observer/observed_state.hpp"
 
 namespace holdfast::dashboard {
 
 struct DashboardConfig {
   int domain = 0;
   bridge::SecurityConfig security;
-  ObserverParameters observer;
+  observer::ObserverParameters observer;
   bridge::HttpParameters http;
   SurfaceFiles surfaces;
   std::filesystem::path page;  ///< folder of the page's files; empty: those beside the program

@@ -6,9 +6,15 @@
 #include <string>
 
 #include "bridge/dds/message_protection.hpp"
-#include "rt/dashboard/observed_state.hpp"
+#include "rt/observer/observed_state.hpp"
 
 namespace holdfast::dashboard {
+
+using observer::Histogram;
+using observer::ObservedState;
+using observer::Shown;
+using observer::StopEvent;
+using std::chrono::nanoseconds;
 
 /// `/state`: what is, now.
 [[nodiscard]] std::string state_json(const ObservedState& state, bridge::dds::Clocks now);

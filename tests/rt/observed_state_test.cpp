@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "rt/dashboard/observed_state.hpp"
+#include "rt/observer/observed_state.hpp"
 
 #include <cmath>
 #include <limits>
@@ -11,10 +11,12 @@
 #include "rt/reason_text.hpp"
 #include "safety/gate.hpp"
 
-namespace holdfast::dashboard {
+namespace holdfast::observer {
 namespace {
 
 using bridge::dds::Clocks;
+using dashboard::history_json;
+using dashboard::state_json;
 using namespace std::chrono_literals;
 
 constexpr std::uint32_t kDaemon = 7, kGuard = 8;
@@ -297,4 +299,4 @@ TEST(ReasonText, HasASentenceForEachReasonThatHasAName) {
 }
 
 }  // namespace
-}  // namespace holdfast::dashboard
+}  // namespace holdfast::observer

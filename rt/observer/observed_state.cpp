@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-#include "rt/dashboard/observed_state.hpp"
+#include "rt/observer/observed_state.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -7,7 +7,7 @@
 #include "rt/reason_text.hpp"
 #include "safety/gate.hpp"
 
-namespace holdfast::dashboard {
+namespace holdfast::observer {
 namespace {
 
 using bridge::dds::Clocks;
@@ -202,6 +202,15 @@ const msg::RobotStatus* ObservedState::robot(nanoseconds now) const noexcept {
   return robot_.fresh(now);
 }
 
+const msg::CompensatedPose* ObservedState::pose(nanoseconds now) const noexcept {
+  const msg::MotionStop* d = daemon(now);
+  const msg::CompensatedPose* p = pose_.fresh(now);
+  const bool belongs = p != nullptr && d != nullptr &&
+                       p->protection.source == d->protection.source &&
+                       p->protection.t_monotonic_ns >= d->t_changed_ns;
+  return belongs && shown(now).level == Level::permitted ? p : nullptr;
+}
+
 const msg::RegistrationInfo* ObservedState::registration(nanoseconds now) const noexcept {
   const msg::TrackingHealth* h = health(now);
   const bool is_confirmed = registration_.has && registration_.newest.is_loaded && h != nullptr &&
@@ -209,4 +218,4 @@ const msg::RegistrationInfo* ObservedState::registration(nanoseconds now) const 
   return is_confirmed ? &registration_.newest : nullptr;
 }
 
-}  // namespace holdfast::dashboard
+}  // namespace holdfast::observer

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the dashboard has heard of daemon, guard and robot, and what it may therefore show. Shows no
-// permission unless daemon and guard both say so, consistently, now: silence shows as "no data",
-// never as the last state heard. Pure: messages and time come in; no I/O. One thread.
+// What an observer (dashboard, outlets) has heard of daemon, guard and robot, and what it may
+// therefore show. Shows no permission unless daemon and guard both say so, consistently, now:
+// silence shows as "no data", never as the last state heard. Pure: messages and time come in; no
+// I/O. One thread.
 //
 // It judges what is shown, not what is done: no robot may act on it.
 #pragma once
@@ -18,7 +19,7 @@
 #include "bridge/dds/message_types.hpp"
 #include "safety/end_to_end.hpp"
 
-namespace holdfast::dashboard {
+namespace holdfast::observer {
 
 using std::chrono::milliseconds;
 using std::chrono::nanoseconds;
@@ -88,6 +89,8 @@ class ObservedState {
   [[nodiscard]] const msg::GuardPermission* guard(nanoseconds now) const noexcept;
   [[nodiscard]] const msg::TrackingHealth* health(nanoseconds now) const noexcept;
   [[nodiscard]] const msg::RobotStatus* robot(nanoseconds now) const noexcept;
+  /// Null also unless shown() is permitted: no pose outlives the permission it came with.
+  [[nodiscard]] const msg::CompensatedPose* pose(nanoseconds now) const noexcept;
   /// Null also unless the health in force names it: an announcement alone may be old.
   [[nodiscard]] const msg::RegistrationInfo* registration(nanoseconds now) const noexcept;
 
@@ -131,4 +134,4 @@ class ObservedState {
   std::uint64_t refused_ = 0;
 };
 
-}  // namespace holdfast::dashboard
+}  // namespace holdfast::observer
