@@ -22,6 +22,7 @@ RULES = {
     "bridge": (["bridge", "safety", "perception", "registration", "rt/core"],
                [EIGEN, OPENCV, r"arv\.h$", r"glib", r"dds/", r"holdfast\.h$", r"toml\+\+/", r"fmt/", r"openssl/",
                 r"CLI/", r"nlohmann/", r"tiffio\.h$", r"zlib\.h$", r"SDL2/"]),
+    "bridge/openigtlink": (["bridge/openigtlink", "rt/core"], [EIGEN, r"igtl", r"fmt/"]),
     "bridge/http": (["bridge/http", "rt/core"], [r"boost/(asio|beast)/", r"fmt/"]),
     "rt/core": (["rt/core"], []),
     "rt": (["rt", "safety", "perception", "registration", "bridge"],
