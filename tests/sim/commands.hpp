@@ -18,6 +18,7 @@ void add_or_error_commands(CLI::App& program);
 void add_rig_command(CLI::App& app);
 void add_registration_error_command(CLI::App& program);
 void add_robot_command(CLI::App& program);
+void add_spots_command(CLI::App& program);
 void add_stereo_command(CLI::App& program);
 
 }  // namespace holdfast::sim

@@ -21,6 +21,7 @@ int main(int argc, char** argv) {
   holdfast::sim::add_rig_command(app);
   holdfast::sim::add_registration_error_command(app);
   holdfast::sim::add_robot_command(app);
+  holdfast::sim::add_spots_command(app);
   holdfast::sim::add_stereo_command(app);
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

@@ -2,7 +2,6 @@
 // The built `holdfast hand-eye` on drawn images of an aiming beam's spots: what it writes, and that
 // bad input ends with its exit code, one line that names it, and no file.
 #include <algorithm>
-#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
@@ -12,13 +11,12 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
-#include <opencv2/imgcodecs.hpp>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "registration/hand_eye_file.hpp"
 #include "rt/core/error.hpp"
-#include "tests/registration/hand_eye/drawn_spots.hpp"
+#include "tests/registration/hand_eye/drawn_spot_images.hpp"
 
 namespace holdfast::registration {
 namespace {
@@ -32,23 +30,6 @@ class HandEyeCommand : public ::testing::Test {
     return fs::path(::testing::TempDir()) / ("holdfast-hand-eye-" + std::to_string(getpid()));
   }
 
-  /// A site with a texture, lit, and on it the spot: blurred, with noise and whole grey values.
-  static cv::Mat1b draw(const HandEyeInput& input, const ImageSpot* spot, cv::RNG& random) {
-    cv::Mat1b image(input.image_height_px, input.image_width_px);
-    cv::Mat1f noise(image.size());
-    random.fill(noise, cv::RNG::NORMAL, 0, 1.5);
-    for (int v = 0; v < image.rows; ++v)
-      for (int u = 0; u < image.cols; ++u) {
-        double grey = 60 + 25 * ((u / 23 + v / 17) % 2) + static_cast<double>(noise(v, u));
-        if (spot != nullptr) {
-          const double dx = u - spot->centre_px.x(), dy = v - spot->centre_px.y();
-          if (const double d = dx * dx + dy * dy; d < 1600) grey += 110 * std::exp(-d / (2 * 36));
-        }
-        image(v, u) = cv::saturate_cast<uchar>(grey);
-      }
-    return image;
-  }
-
   static void draw_all() {
     if (is_drawn_) return;
     test::DrawnSpots options;
@@ -56,25 +37,7 @@ class HandEyeCommand : public ::testing::Test {
     options.pixel_sigma_px = 0;  // the images have their own
     drawn_ = test::draw_hand_eye(options);
     fs::create_directories(good());
-    std::ofstream(good() / "stereo.yaml") << stereo_calibration_text(
-        {drawn_.input.image_width_px, drawn_.input.image_height_px, {drawn_.input.calibration}});
-    cv::RNG random(3);
-    json file{{"sigma_mm", 0.05}};
-    for (const char* side : {"left", "right"})
-      cv::imwrite((good() / fmt::format("{}_off.png", side)).string(),
-                  draw(drawn_.input, nullptr, random));
-    for (const HandEyeSpot& spot : drawn_.input.spots) {
-      const Eigen::Vector3d& p = spot.robot.point_mm;
-      json one{{"name", spot.name}, {"point_mm", {p.x(), p.y(), p.z()}}};
-      for (const std::string side : {"left", "right"}) {
-        one[side] = fmt::format("{}_{}.png", spot.name, side);
-        one[side + "_off"] = side + "_off.png";
-        cv::imwrite((good() / one[side].get<std::string>()).string(),
-                    draw(drawn_.input, side == "left" ? &spot.left : &spot.right, random));
-      }
-      file["spots"].push_back(one);
-    }
-    std::ofstream(good() / "spots.json") << file;
+    test::write_spot_images(drawn_, good(), 3);
     is_drawn_ = true;
   }
 
