@@ -13,6 +13,7 @@ PROGRAMS = {
     "holdfastd": "the real-time daemon on the robot control PC",
     "holdfast-guard": "the second opinion: its own permission beside the daemon's",
     "holdfast-dashboard": "a read-only page for a second monitor",
+    "holdfast-outlets": "ROS 2 topics and OpenIGTLink, for eyes only",
     "holdfast": "set-up, measurement and operation of Holdfast",
 }
 

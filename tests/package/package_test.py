@@ -14,8 +14,8 @@ import tempfile
 import time
 import urllib.request
 
-PROGRAMS = ["holdfast", "holdfastd", "holdfast-guard", "holdfast-dashboard"]
-UNITS = ["holdfastd.service", "holdfast-guard.service"]
+PROGRAMS = ["holdfast", "holdfastd", "holdfast-guard", "holdfast-dashboard", "holdfast-outlets"]
+UNITS = ["holdfastd.service", "holdfast-guard.service", "holdfast-outlets.service"]
 EXPOSURE_MAX = 3.0  # systemd-analyze security, of 10
 
 
@@ -46,7 +46,8 @@ def check_content(deb, client):
     listed = run(["dpkg-deb", "--contents", deb])
     wanted = ([f"./usr/bin/{p}" for p in PROGRAMS] + [f"./usr/lib/systemd/system/{u}" for u in UNITS] +
               [f"./usr/share/man/man1/{p}.1.gz" for p in [*PROGRAMS, "holdfast-hand-eye"]] +
-              ["./etc/holdfast/holdfastd.toml", "./etc/holdfast/guard.toml", "./etc/holdfast/cyclonedds.xml",
+              ["./etc/holdfast/holdfastd.toml", "./etc/holdfast/guard.toml", "./etc/holdfast/outlets.toml",
+               "./etc/holdfast/cyclonedds.xml",
                "./usr/share/holdfast/dashboard/index.html", "./usr/share/bash-completion/completions/holdfast",
                "./usr/share/doc/holdfast/copyright"])
     of_client = run(["dpkg-deb", "--contents", client])
@@ -115,7 +116,7 @@ def check_installed(root):
         if root.run(program, "--version").strip() != "0.1.0":
             fail(f"{program} --version")
     passed("all programs run where only the package and what it depends on is installed")
-    for user in ("holdfast", "holdfast-guard"):
+    for user in ("holdfast", "holdfast-guard", "holdfast-outlets"):
         root.run("id", user)
     # The example configuration names no keys, camera or registration that exist: it must not start.
     said = root.run("holdfastd", "--config", "/etc/holdfast/holdfastd.toml", "--check", code=2, user="holdfast")
@@ -125,12 +126,13 @@ def check_installed(root):
 
 
 def check_started(root):
-    """Guard and dashboard as their own users, on the loopback, without keys by explicit permission."""
+    """Guard, dashboard and outlets as users of their own, on the loopback, without keys by explicit permission."""
     config = root.path / "etc/holdfast"
     unsecured = 'allow_unsecured = true\n'
     guard = (config / "guard.toml").read_text().replace('security = "keys/guard"', unsecured)
     (config / "try-guard.toml").write_text(guard.replace("allow_non_rt = false", "allow_non_rt = true"))
     (config / "try-dashboard.toml").write_text(f"domain = 229\n[dds]\n{unsecured}")
+    (config / "try-outlets.toml").write_text(f"domain = 229\n[dds]\n{unsecured}[openigtlink]\non = true\n")
     loopback = ("<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
                 "<AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>")
     environment = {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin", "CYCLONEDDS_URI": loopback}
@@ -138,6 +140,7 @@ def check_started(root):
     started = {
         "holdfast-guard": ["holdfast-guard", "--config", "/etc/holdfast/try-guard.toml", "--domain", "229"],
         "holdfast-dashboard": ["holdfast-dashboard", "--config", "/etc/holdfast/try-dashboard.toml", "--port", str(port)],
+        "holdfast-outlets": ["holdfast-outlets", "--config", "/etc/holdfast/try-outlets.toml"],
     }
     processes = {name: subprocess.Popen(root.words(*words, user="holdfast-guard"), env=environment,
                                         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -158,7 +161,7 @@ def check_started(root):
             codes[name] = process.wait(timeout=20)
     if any(codes.values()):
         fail(f"ended on SIGTERM with {codes}, not 0")
-    passed("guard and dashboard start as their own user, serve, and end on SIGTERM with 0")
+    passed("guard, dashboard and outlets start as their own user, serve, and end on SIGTERM with 0")
 
 
 def wait_for_page(address, process):

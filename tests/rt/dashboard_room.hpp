@@ -61,6 +61,9 @@ class PlayedRoom {
     registration.rotation_xyzw[3] = 1;
     registration.zoom = 1.3;
     registration.focus_mm = 200;
+    registration.translation_mm[0] = 5;
+    registration.translation_mm[1] = 6;
+    registration.translation_mm[2] = 250;
     for (std::size_t i = 0; i < 3; ++i) registration.covariance[7 * i] = 0.01;
     (void)registrations_.publish(registration);
     for (std::uint64_t cycle = 0; !is_ending_; ++cycle) {
@@ -85,14 +88,18 @@ class PlayedRoom {
       health.matches = 180;
       health.dx_um = 400 * std::sin(static_cast<double>(cycle) / 500);
       health.dy_um = 300 * std::cos(static_cast<double>(cycle) / 700);
+      health.site_translation_mm[0] = 1;
+      health.site_translation_mm[1] = 2;
+      health.site_translation_mm[2] = 3;
+      health.site_rotation_xyzw[3] = 1;
       health.has_drift = true;
       health.drift_um = 8;
       health.sigma_target_mm = 0.07;
       health.scale = 1;
       health.tracker_us = 2100;
       health.cycles = cycle;
+      health.t_exposure_ns = t_exposure_ns_ = now_ns - 12'000'000;
       (void)health_.publish(health);
-      t_exposure_ns_ = now_ns - 12'000'000;
     }
     if (cycle % 5 == 0 || why != told_) {
       msg::MotionStop stop{};
@@ -111,10 +118,26 @@ class PlayedRoom {
       told_ = why;
     }
     if (why != safety::Reason::none) return;
-    msg::CompensatedPose pose{};
+    msg::CompensatedPose pose = this->pose();
     pose.frame = frame_;
+    pose.t_pose_ns = now_ns;
     pose.t_exposure_ns = t_exposure_ns_;
     (void)poses_.publish(pose);
+  }
+  /// A quarter turn about z: the patient's anterior, left, superior lie on the robot's x, y, z.
+  static msg::CompensatedPose pose() {
+    msg::CompensatedPose pose{};
+    const double t[] = {100, -20, 300}, target[] = {110, -15, 320};
+    for (std::size_t i = 0; i < 3; ++i) {
+      pose.translation_mm[i] = t[i];
+      pose.target_robot_mm[i] = target[i];
+    }
+    pose.rotation_xyzw[2] = pose.rotation_xyzw[3] = std::sqrt(0.5);
+    for (std::size_t row = 0; row < 6; ++row)
+      for (std::size_t column = 0; column < 6; ++column)
+        pose.covariance[6 * row + column] =
+            row == column ? 0.04 : 0.001 * static_cast<double>(row + column);
+    return pose;
   }
   void guard() {
     msg::GuardPermission m{};
