@@ -5,17 +5,21 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 #include <unistd.h>
 
+#include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
 #include "bridge/recorder/segment_folder.hpp"
 #include "rt/commands/commands.hpp"
 #include "rt/core/clock.hpp"
 #include "rt/core/error.hpp"
+#include "rt/decision_table.hpp"
 
 namespace holdfast::rt {
 namespace {
@@ -25,6 +29,8 @@ constexpr const char* kExample =
     "  holdfast replay recordings/ --json\n"
     "or one file of it\n"
     "  holdfast replay recordings/holdfast-20260504T071500.000Z-00003.mcap\n"
+    "and what was decided in each cycle, for a spreadsheet\n"
+    "  holdfast replay recordings/ --csv decisions.csv\n"
     "A file that ends in the middle of a record, as after a kill, is replayed up to there. Exit\n"
     "codes: 1 a decision came out otherwise, or none could be compared; 2 damaged, no recording, "
     "or\n"
@@ -32,7 +38,31 @@ constexpr const char* kExample =
 
 struct Options {
   std::filesystem::path source;
+  std::string csv;
   bool is_json = false;
+};
+
+/// The decisions as a file, which appears when all of them came out again.
+class TableFile {
+ public:
+  explicit TableFile(const std::string& path) : file_(path), rows_(decision_table_header()) {}
+  void add(const RecordedInput& input, const ControlOutput& output) {
+    append_decision_row(rows_, input, output);
+    if (rows_.size() > kBlockBytes) flush();
+  }
+  void commit() {
+    flush();
+    file_.commit();
+  }
+
+ private:
+  static constexpr std::size_t kBlockBytes = 1 << 20;
+  void flush() {
+    file_.write(rows_);
+    rows_.clear();
+  }
+  bridge::AtomicFile file_;
+  std::string rows_;
 };
 
 double seconds(std::chrono::nanoseconds time) {
@@ -104,7 +134,15 @@ void run(const Options& options) {
     watch.on_file = [](const std::filesystem::path& file) {
       fmt::print(stderr, "\r\033[K{}", file.filename().string());
     };
-  const ReplayReport report = replay(files_of(options.source), watch);
+  const std::vector<std::filesystem::path> files = files_of(options.source);
+  std::optional<TableFile> table;
+  if (!options.csv.empty()) {
+    table.emplace(options.csv);
+    watch.on_cycle = [&table](const RecordedInput& input, const ControlOutput& output) {
+      table->add(input, output);
+    };
+  }
+  const ReplayReport report = replay(files, watch);
   if (is_progress_shown) fmt::print(stderr, "\r\033[K");
   const double wall_s = seconds(monotonic_now() - t_begin);
   if (options.is_json)
@@ -114,6 +152,7 @@ void run(const Options& options) {
   if (report.first_difference) throw RefusedError(text_of(*report.first_difference));
   if (report.compared == 0)
     throw RefusedError(fmt::format("{}: no decision to compare", options.source.string()));
+  if (table) table->commit();
 }
 
 }  // namespace
@@ -123,6 +162,7 @@ void add_replay(CLI::App& app) {
   CLI::App* command = app.add_subcommand(
       "replay", "Feeds a recording through the control step; every decision must come out again.");
   command->add_option("source", options->source, "a recording, or a folder of them")->required();
+  command->add_option("--csv", options->csv, "Write the decisions as a table, one row a cycle");
   command->add_flag("--json", options->is_json, "one JSON object on stdout");
   command->footer(kExample);
   command->callback([options] { run(*options); });

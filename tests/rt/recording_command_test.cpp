@@ -3,8 +3,10 @@
 // and the official MCAP reader on the same files.
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -13,11 +15,14 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <sched.h>
+#include <sys/mount.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "bridge/recorder/segment_folder.hpp"
 #include "rt/core/clock.hpp"
+#include "rt/decision_table.hpp"
 #include "rt/recorder.hpp"
 #include "tests/rt/recorded_day.hpp"
 
@@ -35,7 +40,10 @@ struct Outcome {
 class RecordingCommand : public ::testing::Test {
  protected:
   void SetUp() override { fs::create_directories(folder_); }
-  void TearDown() override { fs::remove_all(folder_); }
+  void TearDown() override {
+    (void)::umount2((folder_ / "disk").c_str(), MNT_DETACH);  // where one was mounted
+    fs::remove_all(folder_);
+  }
 
   static std::string content(const fs::path& file) {
     std::stringstream text;
@@ -152,6 +160,102 @@ TEST_F(RecordingCommand, TheOfficialReaderFindsEveryMessageAndItsValues) {
   EXPECT_EQ(
       std::stod(seen["session"]["parameters"]["limits"]["sigma_target_max_mm"].get<std::string>()),
       safety::Limits{}.sigma_target_max_mm);
+}
+
+/// A file system of `size`, for this process and its children alone; false where the system does
+/// not let one be made.
+bool mount_small_disk(const fs::path& folder, const char* size) {
+  fs::create_directories(folder);
+  if (::unshare(::geteuid() == 0 ? CLONE_NEWNS : CLONE_NEWNS | CLONE_NEWUSER) != 0) return false;
+  if (::mount("none", "/", nullptr, MS_REC | MS_PRIVATE, nullptr) != 0) return false;
+  const std::string options = std::string("size=") + size;
+  return ::mount("holdfast", folder.c_str(), "tmpfs", 0, options.c_str()) == 0;
+}
+
+/// Takes every byte that is left on its file system.
+void fill(const fs::path& ballast) {
+  std::ofstream file(ballast, std::ios::app | std::ios::binary);
+  while (file << std::string(4096, 'x') << std::flush) {
+  }
+}
+
+TEST_F(RecordingCommand, ADiskThatIsTrulyFullCostsOldAndThenNewCyclesAndNothingElse) {
+  const fs::path disk = folder_ / "disk";
+  if (!mount_small_disk(disk, "8m"))
+    GTEST_SKIP() << "no mount of one's own here: " << std::strerror(errno);
+  RecordProperty("requirement", "SR-121");
+  testing::RecordedDay day;
+  std::uint64_t lost = 0;
+  {
+    Recorder recorder({disk}, testing::day_session());
+    const auto record = [&](std::uint64_t cycles) {
+      for (std::uint64_t i = 0; i < cycles; ++i) day.record(recorder.tape());
+      while (recorder.status().taken < day.cycles()) std::this_thread::yield();
+    };
+    record(1500);
+    EXPECT_EQ(recorder.status().condition, RecorderCondition::recording);
+    // Somebody else takes the disk, also what the recorder gives up of its own.
+    bool is_named = false;
+    for (int i = 0; i < 100 && recorder.status().lost < 1000; ++i) {
+      fill(disk / "ballast");
+      record(100);
+      is_named = is_named || recorder.status().condition == RecorderCondition::disk_full;
+    }
+    EXPECT_TRUE(is_named);
+    EXPECT_GE(recorder.status().lost, 1000U);
+    fs::remove(disk / "ballast");
+    record(2500);
+    EXPECT_EQ(recorder.status().condition, RecorderCondition::recording);
+    lost = recorder.status().lost;
+    record(500);
+    EXPECT_EQ(recorder.status().lost, lost);
+  }
+  const Outcome outcome = replay_program(disk, "--json");
+  ASSERT_EQ(outcome.code, 0) << outcome.err;
+  const json result = json::parse(outcome.out);
+  EXPECT_EQ(result["differences"], 0);
+  EXPECT_EQ(result["decisions_compared"], result["cycles"]) << "it resumes with a state";
+  EXPECT_GE(result["cycles"], 1500U);
+  EXPECT_LE(result["cycles"].get<std::uint64_t>() + lost, day.cycles());
+  std::uint64_t read = 0;
+  for (const fs::path& file : bridge::recordings_in(disk))
+    read += official(file)["topics"].value("/holdfast/decision", std::uint64_t{0});
+  EXPECT_EQ(read, result["cycles"]);
+}
+
+TEST_F(RecordingCommand, TheTableHoldsEachDecisionAndAppearsOnlyWhenAllCameOutAgain) {
+  constexpr std::uint64_t kCycles = 2500;
+  const fs::path file = recorded_day(kCycles);
+  const fs::path csv = folder_ / "decisions.csv";
+  ASSERT_EQ(replay_program(file, "--csv '" + csv.string() + "'").code, 0);
+  std::string expected = decision_table_header();
+  std::uint64_t approved = 0;
+  testing::RecordedDay day;
+  for (std::uint64_t i = 0; i < kCycles; ++i)
+    day.cycle([&](const CycleInfo& info, safety::Timestamp now, const Readings& /*readings*/,
+                  const ControlOutput& output, const ControlState& /*state*/) {
+      RecordedInput input;
+      input.cycle = info.index;
+      input.t_decided = now;
+      append_decision_row(expected, input, output);
+      approved += output.decision.approved ? 1U : 0U;
+    });
+  EXPECT_GT(approved, 100U);
+  EXPECT_TRUE(content(csv) == expected);  // not EXPECT_EQ: half a megabyte
+
+  // Row 1700 by hand: permitted, all columns, a pose that reads back.
+  std::istringstream rows(expected);
+  std::string header, row;
+  std::getline(rows, header);
+  for (int i = 0; i <= 1700; ++i) std::getline(rows, row);
+  EXPECT_EQ(row.rfind("1700,", 0), 0U) << row;
+  EXPECT_NE(row.find(",permitted,"), std::string::npos) << row;
+  EXPECT_EQ(std::count(row.begin(), row.end(), ','), std::count(header.begin(), header.end(), ','));
+
+  fs::remove(csv);
+  std::ofstream(folder_ / "bad.mcap") << "a text";
+  EXPECT_EQ(replay_program(folder_ / "bad.mcap", "--csv '" + csv.string() + "'").code, 2);
+  EXPECT_FALSE(fs::exists(csv));
 }
 
 TEST_F(RecordingCommand, BadInputIsOneLineAndTheRightCode) {
