@@ -160,7 +160,7 @@ TEST_F(WireSecurity, WithoutItTheWireShowsPosesPermissionsAndTypes) {
 }
 
 TEST_F(WireSecurity, NothingOfAPoseOrAPermissionIsReadableOnTheWire) {
-  RecordProperty("requirement", "SR-88");
+  RecordProperty("requirement", "SR-143");
   PacketCapture capture;
   Robot robot(keys_of("robot", "robot"));
   const Peer daemon("flood", test_domain(), keys_of("daemon", "daemon"));
@@ -173,52 +173,6 @@ TEST_F(WireSecurity, NothingOfAPoseOrAPermissionIsReadableOnTheWire) {
   EXPECT_EQ(seen.pose_times, 0U);
   EXPECT_EQ(seen.stop_times, 0U);
   EXPECT_EQ(seen.types, 0U);
-}
-
-TEST_F(WireSecurity, WhatWasHeardOnTheWireIsNotTakenAgain) {
-  RecordProperty("requirement", "SR-88");
-  PacketCapture capture;
-  Robot robot(keys_of("robot", "robot"));
-  const Peer daemon("flood", test_domain(), keys_of("daemon", "daemon"));
-  ASSERT_EQ(daemon.first_line(), "ready");
-  ASSERT_TRUE(robot.hears_more(kEnough));
-  const std::vector<Datagram> wire = capture.take();
-  for (const Datagram& datagram : wire) {
-    capture.send_again(datagram);
-    Datagram spoilt = datagram;  // and with a bit turned, so that it is not known already
-    spoilt.payload[spoilt.payload.size() / 2] ^= 4;
-    capture.send_again(spoilt);
-    robot.take();  // the readers keep 64
-  }
-  const std::size_t poses = robot.poses.size(), stops = robot.stops.size();
-  ASSERT_TRUE(robot.hears_newer_than(dds::read_clocks().monotonic));
-  EXPECT_GT(robot.poses.size(), poses);
-  EXPECT_GT(robot.stops.size(), stops);
-  Robot::expect_each_once(robot.poses);
-  Robot::expect_each_once(robot.stops);
-}
-
-TEST_F(WireSecurity, WhatOneRobotWasSentIsNothingToItsSuccessor) {
-  RecordProperty("requirement", "SR-88");
-  const std::string robot_keys = keys_of("robot", "robot");
-  const std::string daemon_keys = keys_of("daemon", "daemon");
-  PacketCapture capture;
-  std::set<std::uint32_t> former_sources;
-  {
-    Robot robot(robot_keys);
-    const Peer daemon("flood", test_domain(), daemon_keys);
-    ASSERT_EQ(daemon.first_line(), "ready");
-    ASSERT_TRUE(robot.hears_more(kEnough));
-    for (const auto& m : robot.poses) former_sources.insert(m.protection.source);
-  }
-  const std::vector<Datagram> wire = capture.take();
-  Robot robot(robot_keys);  // started again: same keys, same ports
-  for (const Datagram& datagram : wire) capture.send_again(datagram);
-  const Peer daemon("flood", test_domain(), daemon_keys);
-  ASSERT_EQ(daemon.first_line(), "ready");
-  ASSERT_TRUE(robot.hears_more(kEnough));  // after everything that was sent again
-  for (const auto& m : robot.poses) EXPECT_FALSE(former_sources.contains(m.protection.source));
-  for (const auto& m : robot.stops) EXPECT_FALSE(former_sources.contains(m.protection.source));
 }
 
 /// The datagram as it would be, had its sample been written a thousand samples later. RTPS 2.1:
@@ -240,6 +194,55 @@ std::optional<Datagram> as_if_written_later(Datagram datagram, const Bytes& part
     at = end;
   }
   return std::nullopt;
+}
+
+TEST_F(WireSecurity, WhatWasHeardOnTheWireIsNotTakenAgain) {
+  RecordProperty("requirement", "SR-143");
+  PacketCapture capture;
+  Robot robot(keys_of("robot", "robot"));
+  const Peer daemon("flood", test_domain(), keys_of("daemon", "daemon"));
+  ASSERT_EQ(daemon.first_line(), "ready");
+  ASSERT_TRUE(robot.hears_more(kEnough));
+  const std::vector<Datagram> wire = capture.take();
+  const Bytes pose =
+      bytes_of(robot.poses.front().translation_mm, robot.poses.front().rotation_xyzw);
+  for (const Datagram& datagram : wire) {
+    capture.send_again(datagram);
+    Datagram spoilt = datagram;  // and with a bit turned, so that it is not known already
+    spoilt.payload[spoilt.payload.size() / 2] ^= 4;
+    capture.send_again(spoilt);
+    if (const auto later = as_if_written_later(datagram, pose)) capture.send_again(*later);
+    robot.take();  // the readers keep 64
+  }
+  const std::size_t poses = robot.poses.size(), stops = robot.stops.size();
+  ASSERT_TRUE(robot.hears_newer_than(dds::read_clocks().monotonic));
+  EXPECT_GT(robot.poses.size(), poses);
+  EXPECT_GT(robot.stops.size(), stops);
+  Robot::expect_each_once(robot.poses);
+  Robot::expect_each_once(robot.stops);
+}
+
+TEST_F(WireSecurity, WhatOneRobotWasSentIsNothingToItsSuccessor) {
+  RecordProperty("requirement", "SR-143");
+  const std::string robot_keys = keys_of("robot", "robot");
+  const std::string daemon_keys = keys_of("daemon", "daemon");
+  PacketCapture capture;
+  std::set<std::uint32_t> former_sources;
+  {
+    Robot robot(robot_keys);
+    const Peer daemon("flood", test_domain(), daemon_keys);
+    ASSERT_EQ(daemon.first_line(), "ready");
+    ASSERT_TRUE(robot.hears_more(kEnough));
+    for (const auto& m : robot.poses) former_sources.insert(m.protection.source);
+  }
+  const std::vector<Datagram> wire = capture.take();
+  Robot robot(robot_keys);  // started again: same keys, same ports
+  for (const Datagram& datagram : wire) capture.send_again(datagram);
+  const Peer daemon("flood", test_domain(), daemon_keys);
+  ASSERT_EQ(daemon.first_line(), "ready");
+  ASSERT_TRUE(robot.hears_more(kEnough));  // after everything that was sent again
+  for (const auto& m : robot.poses) EXPECT_FALSE(former_sources.contains(m.protection.source));
+  for (const auto& m : robot.stops) EXPECT_FALSE(former_sources.contains(m.protection.source));
 }
 
 TEST_F(WireSecurity, WithoutItAPoseSentAgainArrivesAndTheClientRefusesAndCountsIt) {
