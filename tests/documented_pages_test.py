@@ -24,7 +24,7 @@ PROGRAM = re.compile(r"(?:\./dev|holdfast[a-z-]*) ")
 CLONE_NEWNET, CLONE_NEWUSER = 0x40000000, 0x10000000
 
 RUN = ["README.md", "docs/calibration.md", "docs/camera.md", "docs/dashboard.md", "docs/hardware_setup.md",
-       "docs/quick_start.md", "docs/safety/manual.md", "docs/virtual_or.md"]
+       "docs/quick_start.md", "docs/ros2.md", "docs/safety/manual.md", "docs/virtual_or.md"]
 
 CONSOLE = "needs a running daemon: tests/rt/console_process_test.cpp"
 OWN = "needs a camera of one's own; the demo starts one"
@@ -45,6 +45,8 @@ NOT_RUN = [
     ("docs/quick_start.md", "holdfast-guard --config guard.toml", OWN),
     ("docs/quick_start.md", "holdfast console", OWN),
     ("docs/recording.md", "holdfast replay", "needs a daemon's recording: tests/rt/recording_command_test.cpp"),
+    ("docs/ros2.md", "holdfast-outlets --config config/outlets.toml --ros2-domain",
+     "serves until ended: tests/rt/outlets"),
     ("docs/safety/manual.md", "holdfast-sim reactions", CHAIN),
     ("docs/safety/manual.md", "holdfast-sim kills", CHAIN),
     ("docs/virtual_or.md", "holdfast-sim or --config", "minutes of rendering; smaller on docs/calibration.md"),
@@ -73,7 +75,7 @@ SMALLER = [
 ]
 
 # Page, what its reader has done before.
-BEFORE = [("docs/dashboard.md", "holdfast keys --out config/keys")]
+BEFORE = [("docs/dashboard.md", "holdfast keys --out config/keys"), ("docs/ros2.md", "holdfast keys --out config/keys")]
 
 # Beginning of a command, other exit codes that are an answer, why.
 ALSO_GOOD = [("holdfast doctor", {1}, "a test machine may lack what a control PC has")]
