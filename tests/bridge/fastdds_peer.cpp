@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // What another DDS implementation (eProsima Fast DDS, which most ROS 2 installations run on) hears
-// of topics, with the names, types and QoS that ROS 2's own subscriptions have:
+// of topics, or says on them, with the names, types and QoS that ROS 2's own subscriptions have:
 //   holdfast-fastdds-peer DOMAIN (TOPIC TYPE reliable|best_effort transient|volatile)...
 // prints "TOPIC HEX" for each sample, HEX being its serialised payload with the encapsulation
 // header, until a signal ends it. On loopback only, without multicast. Nothing of ours is linked.
@@ -15,6 +15,8 @@
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
@@ -39,13 +41,20 @@ class RawType : public fdds::TopicDataType {
     auto_fill_type_object(false);
     auto_fill_type_information(false);
   }
-  bool serialize(void*, rtps::SerializedPayload_t*) override { return false; }
+  bool serialize(void* data, rtps::SerializedPayload_t* payload) override {
+    const Bytes& bytes = *static_cast<Bytes*>(data);
+    if (bytes.size() > payload->max_size) return false;
+    std::copy(bytes.begin(), bytes.end(), payload->data);
+    payload->length = static_cast<uint32_t>(bytes.size());
+    payload->encapsulation = CDR_LE;
+    return true;
+  }
   bool deserialize(rtps::SerializedPayload_t* payload, void* data) override {
     static_cast<Bytes*>(data)->assign(payload->data, payload->data + payload->length);
     return true;
   }
-  std::function<uint32_t()> getSerializedSizeProvider(void*) override {
-    return [] { return 0U; };
+  std::function<uint32_t()> getSerializedSizeProvider(void* data) override {
+    return [data] { return static_cast<uint32_t>(static_cast<Bytes*>(data)->size()); };
   }
   void* createData() override { return new Bytes; }
   void deleteData(void* data) override { delete static_cast<Bytes*>(data); }
@@ -114,6 +123,35 @@ bool hear(fdds::DomainParticipant* participant, char** words) {
   return subscriber->create_datareader(topic, qos, new Printer(name)) != nullptr;
 }
 
+struct Voice {
+  fdds::DataWriter* writer;
+  Bytes payload;
+};
+
+Bytes bytes_of(const char* hex) {
+  Bytes bytes;
+  for (unsigned byte = 0; std::sscanf(hex, "%2x", &byte) == 1; hex += 2)
+    bytes.push_back(static_cast<unsigned char>(byte));
+  return bytes;
+}
+
+Voice speak(fdds::DomainParticipant* participant, char** words) {
+  fdds::TypeSupport type(new RawType(words[1]));
+  type.register_type(participant);
+  auto* topic = participant->create_topic(words[0], words[1], fdds::TOPIC_QOS_DEFAULT);
+  auto* publisher = participant->create_publisher(fdds::PUBLISHER_QOS_DEFAULT);
+  fdds::DataWriterQos qos = fdds::DATAWRITER_QOS_DEFAULT;
+  qos.reliability().kind = fdds::RELIABLE_RELIABILITY_QOS;
+  qos.durability().kind = fdds::TRANSIENT_LOCAL_DURABILITY_QOS;
+  qos.deadline().period = eprosima::fastrtps::Duration_t(0.01);
+  qos.liveliness().kind = fdds::MANUAL_BY_TOPIC_LIVELINESS_QOS;
+  qos.liveliness().lease_duration = eprosima::fastrtps::Duration_t(0.05);
+  qos.liveliness().announcement_period = eprosima::fastrtps::Duration_t(0.02);
+  qos.endpoint().history_memory_policy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
+  qos.data_sharing().off();
+  return {publisher->create_datawriter(topic, qos), bytes_of(words[3] + 1)};
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -125,11 +163,19 @@ int main(int argc, char** argv) {
   sigprocmask(SIG_BLOCK, &ends, nullptr);  // before the middleware's threads are made
   fdds::DomainParticipant* participant = join(static_cast<unsigned>(std::atoi(argv[1])));
   if (participant == nullptr) return 3;
-  for (int i = 2; i < argc; i += 4)
-    if (!hear(participant, argv + i)) return 3;
+  std::vector<Voice> voices;
+  for (int i = 2; i < argc; i += 4) {
+    if (argv[i + 3][0] == '=') {
+      voices.push_back(speak(participant, argv + i));
+      if (voices.back().writer == nullptr) return 3;
+    } else if (!hear(participant, argv + i)) {
+      return 3;
+    }
+  }
   std::puts("ready");
   std::fflush(stdout);
-  int signal = 0;
-  sigwait(&ends, &signal);
+  const timespec period{0, 100'000'000};
+  while (sigtimedwait(&ends, nullptr, &period) < 0)
+    for (Voice& voice : voices) voice.writer->write(&voice.payload);
   std::_Exit(0);  // the middleware's own leave-taking is not what is tested
 }
