@@ -5,7 +5,7 @@ that what one writes is there for the next. A fenced block whose first line name
 file. On a network of its own where the system allows it.
 
 What is not run stands in NOT_RUN with its reason, what is run smaller in SMALLER; an entry that no page needs is a
-failure, and so is a page that is neither run nor has all its commands in NOT_RUN.
+failure, and so is a page that is neither run nor has all its commands in NOT_RUN, and a link to a file that is not there.
 
 Usage: documented_pages_test.py ROOT BIN [PAGE...]   run these pages
        documented_pages_test.py ROOT BIN --list      what is not run, and why; nothing is run"""
@@ -155,12 +155,18 @@ class Pages:
                     count += 1
                 else:
                     self.problems.append(f"{page}: '{command}' is neither run nor in NOT_RUN")
+            self.look_at_links(page)
         print(f"{count} commands are run")
         for entry in [*NOT_RUN, *SMALLER]:
             if entry not in self.used:
                 self.problems.append(f"{entry[0]}: no command '{entry[1]}' stands there")
         if count < 20:
             self.problems.append(f"only {count} commands are run")
+
+    def look_at_links(self, page):
+        for target in re.findall(r"\]\(([^)#\s]+)", (self.root / page).read_text(encoding="utf-8")):
+            if "://" not in target and not ((self.root / page).parent / target).exists():
+                self.problems.append(f"{page}: links to {target}, which is not there")
 
     def run(self, page):
         with tempfile.TemporaryDirectory(prefix="holdfast-page-") as name:
