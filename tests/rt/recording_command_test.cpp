@@ -9,6 +9,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -230,6 +231,7 @@ TEST_F(RecordingCommand, TheTableHoldsEachDecisionAndAppearsOnlyWhenAllCameOutAg
   ASSERT_EQ(replay_program(file, "--csv '" + csv.string() + "'").code, 0);
   std::string expected = decision_table_header();
   std::uint64_t approved = 0;
+  ControlOutput at_1700;
   testing::RecordedDay day;
   for (std::uint64_t i = 0; i < kCycles; ++i)
     day.cycle([&](const CycleInfo& info, safety::Timestamp now, const Readings& /*readings*/,
@@ -239,18 +241,31 @@ TEST_F(RecordingCommand, TheTableHoldsEachDecisionAndAppearsOnlyWhenAllCameOutAg
       input.t_decided = now;
       append_decision_row(expected, input, output);
       approved += output.decision.approved ? 1U : 0U;
+      if (info.index == 1700) at_1700 = output;
     });
   EXPECT_GT(approved, 100U);
   EXPECT_TRUE(content(csv) == expected);  // not EXPECT_EQ: half a megabyte
 
-  // Row 1700 by hand: permitted, all columns, a pose that reads back.
+  // Row 1700, its columns by name: permitted, a pose whose numbers read back to the same bits.
   std::istringstream rows(expected);
   std::string header, row;
   std::getline(rows, header);
   for (int i = 0; i <= 1700; ++i) std::getline(rows, row);
-  EXPECT_EQ(row.rfind("1700,", 0), 0U) << row;
-  EXPECT_NE(row.find(",permitted,"), std::string::npos) << row;
-  EXPECT_EQ(std::count(row.begin(), row.end(), ','), std::count(header.begin(), header.end(), ','));
+  std::map<std::string, std::string> value;
+  std::istringstream names(header), values(row);
+  for (std::string name, text; std::getline(names, name, ',');) {
+    std::getline(values, text, ',');
+    value[name] = text;
+  }
+  EXPECT_EQ(value["cycle"], "1700");
+  EXPECT_EQ(value["mode"], "permitted");
+  EXPECT_EQ(value["cause"], "none");
+  EXPECT_EQ(value["reasons"], "");
+  EXPECT_EQ(value["is_approved"], "1");
+  EXPECT_EQ(std::stod(value["sigma_target_mm"]), at_1700.sigma_target_mm);
+  const auto& T = at_1700.decision.approved->T_robot_ct();
+  EXPECT_EQ(std::stod(value["ty_mm"]), T.translation().y());
+  EXPECT_EQ(std::stod(value["qw"]), Eigen::Quaterniond(T.linear()).w());
 
   fs::remove(csv);
   std::ofstream(folder_ / "bad.mcap") << "a text";
