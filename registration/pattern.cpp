@@ -18,7 +18,20 @@ double uniform(std::mt19937_64& random) {
   return static_cast<double>(random() >> 11U) * 0x1.0p-53;
 }
 
-void draw_disc(cv::Mat& image, double x, double y, double diameter_px) {
+}  // namespace
+
+std::optional<std::string> invalid_pattern(const PatternParameters& parameters) {
+  const auto outside = [](const char* what, double value, double low,
+                          double high) -> std::optional<std::string> {
+    if (value >= low && value <= high) return {};
+    return fmt::format("{} {}, must be {} to {} px", what, value, low, high);
+  };
+  if (auto bad = outside("dot size", parameters.dot_px, kDotMinPx, kDotMaxPx)) return bad;
+  return outside("dot distance", parameters.distance_px, kDistanceMinPx, kDistanceMaxPx);
+}
+
+void draw_dot(cv::Mat& image, cv::Point2d centre_px, double diameter_px, int grey) {
+  const double x = centre_px.x, y = centre_px.y;
   const double radius = 0.5 * diameter_px;
   const cv::Rect box =
       cv::Rect{cv::Point{static_cast<int>(std::floor(x - radius)) - 1,
@@ -35,41 +48,33 @@ void draw_disc(cv::Mat& image, double x, double y, double diameter_px) {
           inside += u * u + v * v <= radius * radius ? 1 : 0;
         }
       auto& pixel = image.at<std::uint8_t>(row, column);
-      pixel = std::max(pixel, static_cast<std::uint8_t>(255 * inside / (kTaps * kTaps)));
+      pixel = std::max(pixel, static_cast<std::uint8_t>(grey * inside / (kTaps * kTaps)));
     }
 }
 
-}  // namespace
-
-std::optional<std::string> invalid_pattern(const PatternParameters& parameters) {
-  const auto outside = [](const char* what, double value, double low,
-                          double high) -> std::optional<std::string> {
-    if (value >= low && value <= high) return {};
-    return fmt::format("{} {}, must be {} to {} px", what, value, low, high);
-  };
-  if (auto bad = outside("dot size", parameters.dot_px, kDotMinPx, kDotMaxPx)) return bad;
-  return outside("dot distance", parameters.distance_px, kDistanceMinPx, kDistanceMaxPx);
-}
-
-cv::Mat make_pattern(const PatternParameters& parameters) {
-  cv::Mat image = cv::Mat::zeros(kPatternHeightPx, kPatternWidthPx, CV_8UC1);
+std::vector<PatternCell> pattern_cells(const PatternParameters& parameters) {
+  std::vector<PatternCell> cells;
   std::mt19937_64 random{parameters.seed};
   const double pitch_px = parameters.dot_px + parameters.distance_px;
   for (double cell_y = 0.5 * pitch_px; cell_y < kPatternHeightPx; cell_y += pitch_px)
     for (double cell_x = 0.5 * pitch_px; cell_x < kPatternWidthPx; cell_x += pitch_px) {
       // Drawn for every cell, so that one cell's fate does not move the others'.
       const double chance = uniform(random), u = uniform(random), v = uniform(random);
-      double x = cell_x, y = cell_y;
-      if (parameters.kind != PatternKind::lattice && chance >= 0.5) continue;
-      if (parameters.kind == PatternKind::aperiodic) {
-        x += (u - 0.5) * parameters.distance_px;
-        y += (v - 0.5) * parameters.distance_px;
-      } else if (parameters.kind == PatternKind::random) {
-        x = u * kPatternWidthPx;
-        y = v * kPatternHeightPx;
-      }
-      draw_disc(image, x, y, parameters.dot_px);
+      PatternCell& cell = cells.emplace_back();
+      cell.centre_px = cell.dot_px = {cell_x, cell_y};
+      cell.is_lit = parameters.kind == PatternKind::lattice || chance < 0.5;
+      if (parameters.kind == PatternKind::aperiodic)
+        cell.dot_px += cv::Point2d(u - 0.5, v - 0.5) * parameters.distance_px;
+      else if (parameters.kind == PatternKind::random)
+        cell.dot_px = {u * kPatternWidthPx, v * kPatternHeightPx};
     }
+  return cells;
+}
+
+cv::Mat make_pattern(const PatternParameters& parameters) {
+  cv::Mat image = cv::Mat::zeros(kPatternHeightPx, kPatternWidthPx, CV_8UC1);
+  for (const PatternCell& cell : pattern_cells(parameters))
+    if (cell.is_lit) draw_dot(image, cell.dot_px, parameters.dot_px);
   return image;
 }
 

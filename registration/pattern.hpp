@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include <opencv2/core.hpp>
 
@@ -34,5 +35,15 @@ struct PatternParameters {
 /// 600x800, CV_8UC1, 0 dark, 255 lit; the discs' rims are grey by the share of the pixel that they
 /// cover. Pure: same parameters, same pixels. Precondition: not invalid_pattern().
 [[nodiscard]] cv::Mat make_pattern(const PatternParameters& parameters);
+
+/// One cell of the lattice: its middle, where its dot is, and whether it has one.
+struct PatternCell {
+  cv::Point2d centre_px, dot_px;
+  bool is_lit = false;
+};
+/// What make_pattern() draws. Precondition: not invalid_pattern().
+[[nodiscard]] std::vector<PatternCell> pattern_cells(const PatternParameters& parameters);
+/// A disc as make_pattern() draws it, of this grey in its middle; what is brighter there stays.
+void draw_dot(cv::Mat& image, cv::Point2d centre_px, double diameter_px, int grey = 255);
 
 }  // namespace holdfast::registration

@@ -17,6 +17,7 @@
 
 #include "registration/reconstruction.hpp"
 #include "tests/registration/study/lattice_study.hpp"
+#include "tests/registration/study/refined_study.hpp"
 #include "tests/registration/study/rendered_pairs.hpp"
 #include "tests/registration/study/slip_study.hpp"
 
@@ -94,6 +95,22 @@ Figures figures_of(const RenderedPair& pair, const registration::Reconstruction&
   return f;
 }
 
+void print_figures(const RenderedPair& pair, const std::string& what,
+                   const registration::Reconstruction& result) {
+  if (result.status != registration::ReconstructionStatus::done) {
+    fmt::print("{:<28} {} refused: {}: {}\n", pair.name, what, name(result.status),
+               result.evidence);
+    return;
+  }
+  const Figures f = figures_of(pair, result);
+  fmt::print(
+      "{:<28} {} cover {:.2f} (lit {:.2f} of {:.2f}) %  p50 {:.4f} p95 {:.3f} mm  "
+      ">1mm {:.2f} (off edges {:.2f}) %  nse {:.2f} r68 {:.2f} amb {:.3f}\n",
+      pair.name, what, 100 * f.coverage, 100 * f.coverage_lit, 100 * f.lit, f.median_mm, f.p95_mm,
+      100 * f.wrong, 100 * f.wrong_off_edges, f.squared, f.ratio_68, result.ambiguous_share);
+  std::fflush(stdout);
+}
+
 void judge(const RenderedPair& pair, std::size_t shots, registration::MatchMethod method) {
   registration::ReconstructionOptions options;
   options.method = method;
@@ -102,29 +119,23 @@ void judge(const RenderedPair& pair, std::size_t shots, registration::MatchMetho
   registration::Reconstructor reconstructor(pair.calibration.zooms.at(0),
                                             pair.shots.front().left.size(), options);
   const auto result = reconstructor.reconstruct(std::span(pair.shots).first(shots));
-  if (result.status != registration::ReconstructionStatus::done) {
-    fmt::print("{:<28} refused: {}: {}\n", pair.name, name(result.status), result.evidence);
-    return;
-  }
-  const Figures f = figures_of(pair, result);
-  fmt::print(
-      "{:<28} {:>2} {} cover {:.2f} (lit {:.2f} of {:.2f}) %  p50 {:.4f} p95 {:.3f} mm  "
-      ">1mm {:.2f} (off edges {:.2f}) %  nse {:.2f} r68 {:.2f} amb {:.3f}\n",
-      pair.name, shots, method == registration::MatchMethod::sgm ? "ours" : "SGBM",
-      100 * f.coverage, 100 * f.coverage_lit, 100 * f.lit, f.median_mm, f.p95_mm, 100 * f.wrong,
-      100 * f.wrong_off_edges, f.squared, f.ratio_68, result.ambiguous_share);
-  std::fflush(stdout);
+  print_figures(
+      pair,
+      fmt::format("{:>2} {}", shots, method == registration::MatchMethod::sgm ? "ours" : "SGBM"),
+      result);
 }
 
 int study(int argc, char** argv) {
   const std::string what = argc > 1 ? argv[1] : "";
   const bool is_held_out = what == "held-out";
-  if (argc < 3 || (what != "training" && !is_held_out && what != "slips" && what != "lattices")) {
+  if (argc < 3 || (what != "training" && !is_held_out && what != "slips" && what != "lattices" &&
+                   what != "refined")) {
     std::fputs(
         "usage: holdfast-study-reconstruct training|held-out CACHE_FOLDER [only names that contain "
         "this]\n"
         "       holdfast-study-reconstruct slips POSES aperiodic|lattice\n"
-        "       holdfast-study-reconstruct lattices CACHE_FOLDER\n",
+        "       holdfast-study-reconstruct lattices CACHE_FOLDER\n"
+        "       holdfast-study-reconstruct refined CACHE_FOLDER [only names that contain this]\n",
         stderr);
     return 2;
   }
@@ -137,8 +148,20 @@ int study(int argc, char** argv) {
     study_lattices(argv[2]);
     return 0;
   }
+  const auto is_meant = [&](const RenderedScene& scene) {
+    return argc < 4 || scene.name.find(argv[3]) != std::string::npos;
+  };
+  if (what == "refined") {
+    for (const std::vector<RenderedScene>& scenes :
+         {refinement_scenes(), training_scenes(), held_out_scenes()})
+      for (const RenderedScene& scene : scenes)
+        if (is_meant(scene) && scene.has_pattern &&
+            scene.pattern.kind == registration::PatternKind::aperiodic)
+          study_refined(scene, argv[2], print_figures);
+    return 0;
+  }
   for (const RenderedScene& scene : is_held_out ? held_out_scenes() : training_scenes()) {
-    if (argc > 3 && scene.name.find(argv[3]) == std::string::npos) continue;
+    if (!is_meant(scene)) continue;
     const RenderedPair pair = rendered_pair(scene, argv[2]);
     judge(pair, 1, registration::MatchMethod::opencv);
     for (const std::size_t shots : {1U, 2U, 4U, 8U, 12U})

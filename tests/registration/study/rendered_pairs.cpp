@@ -119,33 +119,6 @@ class Truth {
   cv::Mat1b seen;
 };
 
-void render(const RenderedScene& scene, const fs::path& folder) {
-  const sim::Microscope microscope(scene.room.optics);
-  const sim::Phantom phantom = sim::make_phantom(scene.room);
-  sim::Renderer renderer(phantom.surfaces, phantom.n_view_ct);
-  sim::RoomShot shot;
-  shot.optics = microscope.at(scene.room.zoom, 0);
-  shot.projector = sim::make_projector(scene.room.optics.seed, microscope.focus_mm());
-  shot.lights = sim::lights_of(scene.room, shot.projector);
-  shot.sensor = scene.room.sensor;
-  shot.T_ct_head = sim::head_poses(scene.room, phantom, microscope.focus_mm()).back();
-  fs::create_directories(folder);
-  for (int i = 0; i < scene.shots; ++i) {
-    registration::PatternParameters pattern = scene.pattern;
-    pattern.seed += static_cast<std::uint64_t>(i);
-    if (scene.has_pattern) shot.lights.pattern = registration::make_pattern(pattern);
-    shot.seed = scene.room.seed * 7919U + static_cast<std::uint32_t>(i);
-    cv::imwrite(folder / fmt::format("left_{:02}.png", i), renderer.image(shot, sim::Side::left));
-    cv::imwrite(folder / fmt::format("right_{:02}.png", i), renderer.image(shot, sim::Side::right));
-  }
-  const auto model = sim::ideal_calibration(shot.optics).model;
-  std::ofstream(folder / "stereo.yaml") << registration::stereo_calibration_text(
-      {sim::kSensorWidthPx, sim::kSensorHeightPx, {model}});
-  const Truth truth(shot, phantom, renderer, model);
-  cv::imwrite(folder / "seen.png", truth.seen);
-  cv::imwrite(folder / "truth.tiff", truth.depth_mm);  // the last: whole, or rendered again
-}
-
 // The rig's light through the pattern's filter, and a pattern under plain OR light.
 constexpr double kFilteredOrLight = 0.05, kUnfilteredOrLight = 0.25;
 
@@ -196,9 +169,72 @@ std::vector<RenderedScene> held_out_scenes() {
   return all;
 }
 
+struct RenderedRoom::Impl {
+  sim::Phantom phantom;
+  sim::Renderer renderer;
+  sim::RoomShot shot;
+  std::uint32_t seed;
+
+  explicit Impl(const RenderedScene& scene)
+      : phantom(sim::make_phantom(scene.room)),
+        renderer(phantom.surfaces, phantom.n_view_ct),
+        seed(scene.room.seed) {
+    const sim::Microscope microscope(scene.room.optics);
+    shot.optics = microscope.at(scene.room.zoom, 0);
+    shot.projector = sim::make_projector(scene.room.optics.seed, microscope.focus_mm());
+    shot.lights = sim::lights_of(scene.room, shot.projector);
+    shot.sensor = scene.room.sensor;
+    shot.T_ct_head = sim::head_poses(scene.room, phantom, microscope.focus_mm()).back();
+  }
+  registration::StereoShot under(const cv::Mat& pattern, int number) {
+    shot.lights.pattern = pattern;
+    shot.seed = seed * 7919U + static_cast<std::uint32_t>(number);
+    return {renderer.image(shot, sim::Side::left), renderer.image(shot, sim::Side::right)};
+  }
+  void render(const RenderedScene& scene, const fs::path& folder) {
+    fs::create_directories(folder);
+    for (int i = 0; i < scene.shots; ++i) {
+      registration::PatternParameters pattern = scene.pattern;
+      pattern.seed += static_cast<std::uint64_t>(i);
+      const auto pair =
+          under(scene.has_pattern ? registration::make_pattern(pattern) : shot.lights.pattern, i);
+      cv::imwrite(folder / fmt::format("left_{:02}.png", i), pair.left);
+      cv::imwrite(folder / fmt::format("right_{:02}.png", i), pair.right);
+    }
+    const auto model = sim::ideal_calibration(shot.optics).model;
+    std::ofstream(folder / "stereo.yaml") << registration::stereo_calibration_text(
+        {sim::kSensorWidthPx, sim::kSensorHeightPx, {model}});
+    const Truth truth(shot, phantom, renderer, model);
+    cv::imwrite(folder / "seen.png", truth.seen);
+    cv::imwrite(folder / "truth.tiff", truth.depth_mm);  // the last: whole, or rendered again
+  }
+};
+
+std::vector<RenderedScene> refinement_scenes() {
+  std::vector<RenderedScene> all;
+  for (const auto& [seed, zoom] :
+       std::vector<std::pair<std::uint32_t, double>>{{21, 1.1}, {1016, 1.3}, {1017, 1.5}}) {
+    RenderedScene& fine =
+        all.emplace_back(scene_of(fmt::format("ear{}_zoom{}_fine", seed, zoom), seed, zoom, 1));
+    fine.pattern.dot_px = 2;
+    fine.pattern.distance_px = 1;
+  }
+  RenderedScene& bright = all.emplace_back(scene_of("ear22_zoom1.3_bright", 22, 1.3, 1));
+  bright.room.sensor.exposure = 2.5;
+  RenderedScene& dark = all.emplace_back(scene_of("ear23_zoom1.3_dark", 23, 1.3, 1));
+  dark.room.sensor.exposure = 0.2;
+  return all;
+}
+
+RenderedRoom::RenderedRoom(const RenderedScene& scene) : impl_(std::make_unique<Impl>(scene)) {}
+RenderedRoom::~RenderedRoom() = default;
+registration::StereoShot RenderedRoom::under(const cv::Mat& pattern, int shot) {
+  return impl_->under(pattern, shot);
+}
+
 RenderedPair rendered_pair(const RenderedScene& scene, const fs::path& cache) {
   const fs::path folder = cache / scene.name;
-  if (!fs::exists(folder / "truth.tiff")) render(scene, folder);
+  if (!fs::exists(folder / "truth.tiff")) RenderedRoom(scene).impl_->render(scene, folder);
   RenderedPair pair{scene.name,
                     {},
                     registration::read_stereo_calibration(folder / "stereo.yaml"),

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <memory>
 #include <string>
 #include <vector>
 
@@ -41,6 +42,24 @@ struct RenderedPair {
 [[nodiscard]] std::vector<RenderedScene> training_scenes();
 /// Seeds from 1000 on: parameters were frozen before these were rendered.
 [[nodiscard]] std::vector<RenderedScene> held_out_scenes();
+/// The finest dots, overexposed, underexposed: what a second pattern could do something about.
+[[nodiscard]] std::vector<RenderedScene> refinement_scenes();
+
+/// The room of one scene, to be lit by patterns as they come.
+class RenderedRoom {
+ public:
+  explicit RenderedRoom(const RenderedScene& scene);
+  ~RenderedRoom();
+  RenderedRoom(const RenderedRoom&) = delete;
+  RenderedRoom& operator=(const RenderedRoom&) = delete;
+  /// `shot`: whose noise it has; rendered_pair()'s own are 0 to shots - 1.
+  [[nodiscard]] registration::StereoShot under(const cv::Mat& pattern, int shot);
+
+ private:
+  friend RenderedPair rendered_pair(const RenderedScene& scene, const std::filesystem::path& cache);
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 /// From `cache`, or rendered into it.
 [[nodiscard]] RenderedPair rendered_pair(const RenderedScene& scene,
