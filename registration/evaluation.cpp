@@ -102,23 +102,41 @@ DistanceFigures distance_figures(std::vector<double> distances_mm) {
   return f;
 }
 
+struct ReferenceSurface::Trees {
+  explicit Trees(const TriangleMesh& reference)
+      : vertices_mm(reference.vertices_mm), triangles(reference) {}
+  std::vector<Eigen::Vector3f> vertices_mm;
+  VertexCloud cloud{vertices_mm};
+  VertexTree vertices{3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams{12}};
+  TriangleTree triangles;
+};
+
+ReferenceSurface::ReferenceSurface(const TriangleMesh& reference)
+    : trees_(std::make_unique<const Trees>(reference)) {}
+ReferenceSurface::~ReferenceSurface() = default;
+
 Evaluation evaluate_surface(const TriangleMesh& surface, const TriangleMesh& reference,
+                            const EvaluationOptions& options) {
+  return evaluate_surface(surface, ReferenceSurface(reference), options);
+}
+
+Evaluation evaluate_surface(const TriangleMesh& surface, const ReferenceSurface& reference,
                             const EvaluationOptions& options) {
   Evaluation evaluation;
   evaluation.p_reference_mm = points_in_region(surface, options);
   evaluation.points_in_region = evaluation.p_reference_mm.size();
   draw(evaluation.p_reference_mm, options.points, options.seed);
 
-  const VertexCloud cloud{reference.vertices_mm};
-  const VertexTree vertices{3, cloud, nanoflann::KDTreeSingleIndexAdaptorParams{12}};
-  const TriangleTree triangles{reference};
+  const std::vector<Eigen::Vector3f>& vertices_mm = reference.trees_->vertices_mm;
+  const VertexTree& vertices = reference.trees_->vertices;
+  const TriangleTree& triangles = reference.trees_->triangles;
   std::vector<double> to_vertex, to_triangle;
   for (const Eigen::Vector3d& p : evaluation.p_reference_mm) {
     const Eigen::Vector3f q = p.cast<float>();
     unsigned nearest = 0;
     float squared = 0;
     if (vertices.knnSearch(q.data(), 1, &nearest, &squared) == 0) continue;
-    to_vertex.push_back((p - reference.vertices_mm[nearest].cast<double>()).norm());
+    to_vertex.push_back((p - vertices_mm[nearest].cast<double>()).norm());
     if (const ClosestPoint closest = triangles.closest(p); closest.is_found)
       to_triangle.push_back(closest.distance_mm);
   }

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -47,7 +48,27 @@ struct Evaluation {
   std::vector<double> distance_mm;
 };
 
+/// A reference that is evaluated against more than once: its trees are built here, not each time.
+class ReferenceSurface {
+ public:
+  /// Copies what it needs. O(n log n).
+  explicit ReferenceSurface(const TriangleMesh& reference);
+  ~ReferenceSurface();
+  ReferenceSurface(const ReferenceSurface&) = delete;
+  ReferenceSurface& operator=(const ReferenceSurface&) = delete;
+
+ private:
+  friend Evaluation evaluate_surface(const TriangleMesh& surface, const ReferenceSurface& reference,
+                                     const EvaluationOptions& options);
+  struct Trees;
+  std::unique_ptr<const Trees> trees_;
+};
+
 /// Draws the points and measures. Pure, same seed same result. An empty region gives counts of 0.
+[[nodiscard]] Evaluation evaluate_surface(const TriangleMesh& surface,
+                                          const ReferenceSurface& reference,
+                                          const EvaluationOptions& options);
+/// The same, once.
 [[nodiscard]] Evaluation evaluate_surface(const TriangleMesh& surface,
                                           const TriangleMesh& reference,
                                           const EvaluationOptions& options);

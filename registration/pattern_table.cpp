@@ -66,7 +66,7 @@ std::string_view name(PatternKind kind) noexcept {
 }
 
 PatternEvaluation judge_pattern(const Reconstruction& result, const Rectification& geometry,
-                                const TriangleMesh& reference, const EvaluationOptions& options,
+                                const ReferenceSurface& reference, const EvaluationOptions& options,
                                 bool is_paper) {
   constexpr int kMeshStepPx = 4;  // of the points that are drawn from
   PatternEvaluation judged;

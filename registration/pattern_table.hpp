@@ -38,7 +38,7 @@ struct PatternEvaluation {
 /// drawn from the surface, within `region_mm` of the reference. Pure, same seed same result.
 [[nodiscard]] PatternEvaluation judge_pattern(const Reconstruction& result,
                                               const Rectification& geometry,
-                                              const TriangleMesh& reference,
+                                              const ReferenceSurface& reference,
                                               const EvaluationOptions& options, bool is_paper);
 
 /// How the search was asked for; a CSV of another search is not resumed.

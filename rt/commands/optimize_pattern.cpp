@@ -83,6 +83,12 @@ class TemporaryFolder {
   std::filesystem::path path_;
 };
 
+registration::TriangleMesh mesh_of(const std::string& file) {
+  registration::TriangleMesh mesh = registration::read_mesh(file);
+  if (mesh.triangles.empty()) throw InputError(file + ": has no triangles to measure distances to");
+  return mesh;
+}
+
 /// All searches of one command, and the CSV they share.
 class PatternStudy {
  public:
@@ -90,10 +96,8 @@ class PatternStudy {
       : options_(options),
         head_{kind_of(options.kind), options.is_paper, options.seed},
         calibration_(registration::read_stereo_calibration(options.calibration)),
-        reference_(registration::read_mesh(options.reference)),
+        reference_(mesh_of(options.reference)),
         rig_(rig_command(options.rig)) {
-    if (reference_.triangles.empty())
-      throw InputError(options.reference + ": has no triangles to measure distances to");
     if (std::filesystem::exists(options.csv)) {
       std::ostringstream text;
       text << std::ifstream(options.csv).rdbuf();
@@ -193,7 +197,7 @@ class PatternStudy {
   const Options& options_;
   registration::PatternTableHead head_;
   registration::StereoCalibration calibration_;
-  registration::TriangleMesh reference_;
+  registration::ReferenceSurface reference_;
   TemporaryFolder images_;
   Rig rig_;
   std::vector<PatternEvaluation> known_;
