@@ -17,7 +17,7 @@ constexpr const char* kStyle =
     "table{border-collapse:collapse;margin:1rem 0;font-size:.9rem}th,td{padding:.3rem .7rem;"
     "text-align:right;border-bottom:1px solid #d8dee4}th{background:#f2f5f8}"
     "th:first-child,td:first-child{text-align:left}caption{text-align:left;font-weight:600;"
-    "padding:.3rem 0}.q{color:#6b4e00;font-style:italic}.w{background:#fff4d6;border-left:4px "
+    "padding:.3rem 0}.q{color:#6b4e00;font-style:italic}.m{color:#a11}.w{background:#fff4d6;border-left:4px "
     "solid #d99b00;padding:.6rem 1rem}figure{display:inline-block;margin:.5rem 1rem .5rem "
     "0;vertical-align:top}figure img{width:26rem;max-width:100%;border:1px solid #ccc}"
     "svg{width:100%;max-width:44rem;height:auto;font:12px system-ui,sans-serif;fill:#1b2733}"

@@ -43,6 +43,7 @@ class Setup {
   SetupOutcome run() {
     prepare_folder();
     try {
+      refuse_lattice();
       stage("calibration", [this] { return calibrate(); });
       stage("CT", [this] { return scan(); });
       stage("pattern", [this] { return project(); });
@@ -64,6 +65,12 @@ class Setup {
     outcome_.stages.push_back({name, std::move(measured), passed.count()});
   }
 
+  /// Before anything is asked of the rig. What the rig really projected is asked of the images.
+  void refuse_lattice() const {
+    if (settings_.pattern.kind == registration::PatternKind::lattice)
+      throw RefusedError(
+          "pattern: a lattice is for comparisons: a surface under it may be a period off");
+  }
   void prepare_folder() const {
     std::error_code error;
     fs::create_directories(folder_, error);
@@ -100,9 +107,6 @@ class Setup {
   }
 
   std::string project() {
-    if (settings_.pattern.kind == registration::PatternKind::lattice)
-      throw RefusedError(
-          "pattern: a lattice is for comparisons: a surface under it may be a period off");
     write_png("pattern.png", registration::make_pattern(settings_.pattern));
     PairRequest request = lit_by(Illumination::adaptive, folder_ / "pattern.png");
     request.out = folder_ / "pair";

@@ -14,6 +14,7 @@
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/depth_file.hpp"
+#include "registration/pattern_refinement.hpp"
 #include "rt/core/error.hpp"
 #include "rt/study/illumination.hpp"
 #include "rt/study/rig.hpp"
@@ -68,6 +69,15 @@ void freeze(const StudySettings& settings, const fs::path& folder) {
     if (repeats == asked["repeats"]) return;
   }
   bridge::write_file_atomically(file.string(), asked.dump(1) + "\n");
+}
+
+cv::Mat burst_pattern(registration::PatternParameters pattern, int shot) {
+  const bool is_second = shot % 2 == 1 && pattern.kind == registration::PatternKind::aperiodic;
+  pattern.seed += static_cast<std::uint64_t>(shot);
+  if (!is_second) return registration::make_pattern(pattern);
+  registration::PatternParameters first = pattern;
+  --first.seed;
+  return registration::complementary_pattern(pattern, registration::make_pattern(first));
 }
 
 class Study {
@@ -139,14 +149,12 @@ class Study {
     return side;
   }
 
-  /// `shot` of a burst; each has dots of its own.
+  /// `shot` of a burst: dots of their own, and two and two light everything once.
   [[nodiscard]] fs::path pattern_at(std::size_t zoom, int shot = 0) const {
-    registration::PatternParameters pattern = settings_.patterns[zoom];
-    pattern.seed += static_cast<std::uint64_t>(shot);
     const std::string name = fmt::format("adaptive_{:g}", settings_.zooms[zoom]);
     fs::path file =
         folder_ / "patterns" / (name + (shot > 0 ? fmt::format("_{}.png", shot) : ".png"));
-    if (!fs::exists(file)) write_png(file, registration::make_pattern(pattern));
+    if (!fs::exists(file)) write_png(file, burst_pattern(settings_.patterns[zoom], shot));
     return file;
   }
   void add_burst(std::size_t zoom, PairRequest request, StudyPair& pair) {

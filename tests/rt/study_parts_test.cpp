@@ -88,6 +88,47 @@ TEST(StudyPage, IsOneFileThatShowsPaperAndOursApart) {
     EXPECT_EQ(html.find(outside), std::string::npos) << outside;
 }
 
+/// Of one zoom's two adaptive rows: single shot and burst.
+std::string page_with_burst(double burst_median_mm, double burst_wrong) {
+  StudySettings settings;
+  settings.zooms = {1.3};
+  settings.patterns.resize(1);
+  settings.shots = 8;
+  settings.rig = {"rig"};
+  StudyRow single = row_with(0.2), burst = row_with(0.1, "no_surface: 3 %");
+  single.triangle_median_mm = 0.0611;
+  single.truth_over_1_mm_off_edges = 0.0123;
+  burst.method = "burst";
+  burst.triangle_median_mm = burst_median_mm;
+  burst.truth_over_1_mm_off_edges = burst_wrong;
+  return study_html(settings, {single, burst}, 0.1, {});
+}
+
+TEST(StudyPage, ShowsTheBurstBesideTheSingleShotAndMarksWhatMissesItsAim) {
+  const std::string html = page_with_burst(0.0443, 0.0009);
+  const auto single = html.find("<td>single shot</td>");
+  const auto burst = html.find("<td>burst of 8 <small>(1 of 1 refused)</small></td>");
+  ASSERT_NE(single, std::string::npos);
+  ASSERT_NE(burst, std::string::npos);
+  EXPECT_LT(single, burst);
+  EXPECT_NE(html.find("<b class=\"m\">0.061</b>"), std::string::npos);
+  EXPECT_NE(html.find("<b class=\"m\">1.23 %</b>"), std::string::npos);
+  EXPECT_NE(html.find("<td>0.044</td>", burst), std::string::npos);
+  EXPECT_NE(html.find("<td>0.09 %</td>", burst), std::string::npos);
+  const std::string worse = page_with_burst(0.0451, 0.0011);
+  EXPECT_NE(worse.find("<b class=\"m\">0.045</b>"), std::string::npos);
+  EXPECT_NE(worse.find("<b class=\"m\">0.11 %</b>"), std::string::npos);
+  EXPECT_EQ(worse.find("nan"), std::string::npos);
+}
+
+TEST(StudyPage, SaysNothingOfABurstThatWasNotTaken) {
+  StudySettings settings;
+  settings.zooms = {1.3};
+  settings.patterns.resize(1);
+  settings.rig = {"rig"};
+  EXPECT_EQ(study_html(settings, {row_with(0.2)}, 0.1, {}).find("burst"), std::string::npos);
+}
+
 TEST(Base64, IsThatOfRfc4648) {
   EXPECT_EQ(base64(""), "");
   EXPECT_EQ(base64("f"), "Zg==");
@@ -234,6 +275,25 @@ TEST_F(RigProgram, OneThatEndsOrTalksNonsenseIsNotThere) {
   Rig rig({saying("read line; echo hello; read line\n")});
   EXPECT_THROW(rig.ct("/tmp/nowhere"), UnavailableError);
   EXPECT_THROW(Rig({"/no/such/rig"}), UnavailableError);
+}
+
+TEST_F(RigProgram, IsAskedForNothingWhenTheSetUpWouldProjectALattice) {
+  RecordProperty("requirement", "SR-96");
+  const fs::path folder = fs::temp_directory_path() / ("setup_" + std::to_string(getpid()));
+  fs::create_directories(folder);
+  std::ofstream(folder / "registration.json") << "{}";
+  SetupSettings settings;
+  settings.rig = {saying("read line; echo '{\"error\": \"asked\"}'; read line\n")};
+  const auto tell = [](const std::string&) {};
+  settings.pattern.kind = registration::PatternKind::lattice;
+  const SetupOutcome lattice = run_setup(settings, folder, tell);
+  EXPECT_TRUE(lattice.stages.empty());
+  EXPECT_EQ(lattice.refusal,
+            "pattern: a lattice is for comparisons: a surface under it may be a period off");
+  EXPECT_FALSE(fs::exists(folder / "registration.json"));
+  settings.pattern.kind = registration::PatternKind::aperiodic;
+  EXPECT_EQ(run_setup(settings, folder, tell).refusal, "rig: asked");
+  fs::remove_all(folder);
 }
 
 TrackingRow tracked(const std::string& scene, const std::string& motion,
