@@ -14,7 +14,6 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
-#include <opencv2/imgproc.hpp>
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
@@ -22,6 +21,8 @@
 #include "registration/pattern_lattice.hpp"
 #include "registration/reconstruction.hpp"
 #include "rt/commands/commands.hpp"
+#include "rt/commands/grey_image.hpp"
+#include "rt/commands/next_pattern.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::rt {
@@ -49,6 +50,8 @@ struct Options {
   std::vector<std::string> left, right;
   std::string burst, calibration, pattern, out, depth, confidence, variance, reasons,
       method = "sgm";
+  std::string next_pattern;
+  registration::PatternParameters next{registration::PatternKind::aperiodic, 4, 4, 2};
   std::vector<int> roi;
   double zoom = 0, depth_centre_mm = 0, depth_reach_mm = 30;
   int threads = 2, repeat = 1, step = 1;
@@ -105,7 +108,7 @@ registration::ReconstructionOptions reconstruction_options(const Options& option
   result.is_rectified = options.is_rectified;
   result.threads = options.threads;
   result.may_be_lattice = options.may_be_lattice;
-  result.is_explained = !options.reasons.empty();
+  result.is_explained = !options.reasons.empty() || !options.next_pattern.empty();
   if (options.method == "opencv") result.method = registration::MatchMethod::opencv;
   return result;
 }
@@ -113,16 +116,23 @@ registration::ReconstructionOptions reconstruction_options(const Options& option
 /// The projected image, if it is given.
 void check_pattern(const Options& options) {
   if (options.pattern.empty() || options.may_be_lattice) return;
-  cv::Mat image = bridge::read_image_file(options.pattern);
-  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);
-  if (image.depth() == CV_16U) image.convertTo(image, CV_8U, 1.0 / 257);
   registration::WorkerPool pool(options.threads);
-  const registration::ImageRepetition found = registration::repetition_of(image, pool);
+  const registration::ImageRepetition found =
+      registration::repetition_of(read_grey_image(options.pattern), pool);
   if (found.share > registration::kRepetitionMax)
     throw RefusedError(fmt::format(
         "{}: is a lattice: {:.2f} of it comes again {:.0f},{:.0f} px further, limit {:.2f}",
         options.pattern, found.share, found.step_px.x, found.step_px.y,
         registration::kRepetitionMax));
+}
+
+void check_next_pattern(const Options& options) {
+  if (options.next_pattern.empty()) return;
+  if (options.pattern.empty())
+    throw InputError("--next-pattern: needs --pattern, the image that was projected");
+  if (options.is_rectified || options.may_be_lattice || options.method == "opencv")
+    throw InputError("--next-pattern: not with --rectified, --for-comparison or --method opencv");
+  if (const auto invalid = registration::invalid_pattern(options.next)) throw InputError(*invalid);
 }
 
 double median_ms(const std::vector<ReconstructionTimes>& times,
@@ -162,7 +172,7 @@ std::string tiff_bytes(const cv::Mat1f& map) {
 
 /// All files or none: written beside their places first, then put there.
 void write_files(const Options& options, const Reconstruction& result,
-                 const registration::Rectification& geometry) {
+                 const registration::Rectification& geometry, const NextPattern& next) {
   constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
   std::deque<bridge::AtomicFile> files;
   const auto add = [&files](const std::string& path, const std::string& bytes) {
@@ -184,6 +194,7 @@ void write_files(const Options& options, const Reconstruction& result,
     cv::imencode(".png", whole, png);
     add(options.reasons, {png.begin(), png.end()});
   }
+  add(options.next_pattern, next.png);
   for (bridge::AtomicFile& file : files) file.commit();
 }
 
@@ -205,7 +216,7 @@ nlohmann::ordered_json reasons_of(const Reconstruction& result) {
 
 void report(const Options& options, const Reconstruction& result,
             const registration::Rectification& geometry,
-            const std::vector<ReconstructionTimes>& times) {
+            const std::vector<ReconstructionTimes>& times, const NextPattern& next) {
   const auto timing = timing_of(times);
   if (options.is_json) {
     nlohmann::ordered_json json;
@@ -224,6 +235,7 @@ void report(const Options& options, const Reconstruction& result,
     json["method"] = options.method;
     json["shots"] = options.left.size();
     json["out"] = options.out;
+    if (!options.next_pattern.empty()) json["next_pattern"] = next.report;
     fmt::print("{}\n", json.dump());
     return;
   }
@@ -248,6 +260,7 @@ void run(Options& options) {
   if (!options.burst.empty()) add_burst(options);
   if (options.method == "opencv" && !options.reasons.empty())
     throw InputError("--reasons: --method opencv gives none");
+  check_next_pattern(options);
   if (options.method == "opencv" && options.left.size() > 1)
     throw InputError("--method opencv takes one pair, not a burst");
   const auto calibration = registration::read_stereo_calibration(options.calibration);
@@ -270,8 +283,12 @@ void run(Options& options) {
     times.push_back(result.times);
   }
   if (bridge::is_interrupted()) throw InterruptedError("interrupted");
-  write_files(options, result, reconstructor.rectification());
-  report(options, result, reconstructor.rectification(), times);
+  NextPattern next;
+  if (!options.next_pattern.empty())
+    next = next_pattern(
+        {options.pattern, options.next, shots[0], zoom, result, reconstructor.rectification()});
+  write_files(options, result, reconstructor.rectification(), next);
+  report(options, result, reconstructor.rectification(), times, next);
 }
 
 }  // namespace
@@ -305,6 +322,17 @@ void add_reconstruct(CLI::App& app) {
       ->capture_default_str();
   reconstruct->add_option("--pattern", options->pattern,
                           "The projected image: refused where it is a lattice");
+  reconstruct->add_option(
+      "--next-pattern", options->next_pattern,
+      "What to project next on the unmoved scene, after --pattern (of the first pair): PNG");
+  reconstruct->add_option("--next-dots", options->next.dot_px, "With --next-pattern: dots, px")
+      ->capture_default_str();
+  reconstruct
+      ->add_option("--next-distance", options->next.distance_px,
+                   "With --next-pattern: gap between dots, px")
+      ->capture_default_str();
+  reconstruct->add_option("--next-seed", options->next.seed, "With --next-pattern: of the dots")
+      ->capture_default_str();
   reconstruct->add_flag(
       "--for-comparison", options->may_be_lattice,
       "Take a lattice, if within the depths searched it fits in one place only; `register` will "

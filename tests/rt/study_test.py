@@ -110,6 +110,8 @@ def study(folder, rig_command):
           "it runs nothing and states its limits")
     check("0.5 ± 0.3" in html and 'class="q"' in html, "the paper's figures are marked as quoted")
     text = re.sub(r"base64,[^\"]*", "", html)  # in a picture's letters anything may stand
+    check("<td>single shot</td>" in html and "<td>burst of 2</td>" in html,
+          "the burst stands beside the single shot")
     check(not re.search(r"\bnan\b|\binf\b", text), "no figure that is none: "
           f"{re.findall(r'.{0,60}(?:nan|inf).{0,20}', text)[:3]}")
 
@@ -170,8 +172,70 @@ def setup(folder, rig_command):
     code, out, err = run("demo", "--setup", "--out", folder, "--rig", "/bin/false")
     check(code == 3 and is_one_line(err), f"a rig that ends: {err.strip()}")
     check(not (folder / "registration.json").exists(), "... leaves no registration from before")
+    (folder / "registration.json").write_text("{}")
+    (folder / "lattice.toml").write_text('[[pattern]]\nzoom = 1.3\nkind = "lattice"\n'
+                                         'distance_px = 4\ndot_px = 4\nseed = 1\n')
+    code, out, err = run("demo", "--setup", "--out", folder, "--rig", rig_command, "--patterns",
+                         folder / "lattice.toml")
+    check(code == 1 and is_one_line(err) and "lattice" in err, f"a lattice: {err.strip()}")
+    check(not (folder / "registration.json").exists(), "... leaves no registration either")
     code, out, err = run("demo", "--setup")
     check(code == 2 and is_one_line(err), f"usage: {err.strip()}")
+
+
+def refined(setup, folder):
+    """A second pair under the pattern that the first one asks for: against the first alone, and
+    against a second under just another one."""
+    folder.mkdir()
+    rig = subprocess.Popen([SIM, "rig", "--seed", "1", "--phantom-seed", "1000"], text=True,
+                           stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+
+    def ask(**request):
+        print(json.dumps(request), file=rig.stdin, flush=True)
+        return json.loads(rig.stdout.readline())
+
+    def reconstruct(name, pairs, *more):
+        views = [w for pair in pairs for w in ("--left", pair / "left.png", "--right", pair / "right.png")]
+        code, out, err = run("reconstruct", *views, "--calibration", setup / "seated.yaml", "--zoom",
+                             "1.3", "--out", folder / f"{name}.ply", "--depth", folder / f"{name}.tiff",
+                             "--step", "8", "--json", *more)
+        check(code == 0, f"{name}: reconstructed ({err.strip()})")
+        judged = ask(do="depth-error", zoom=1.3, pose=0, depth=str(folder / f"{name}.tiff"),
+                     calibration=str(setup / "seated.yaml"))
+        print(f"      {name}: {judged}", flush=True)
+        return json.loads(out), judged
+
+    first, pattern = setup / "pair", setup / "pattern.png"
+    run("pattern", "--seed", "2", "--out", folder / "plain.png")
+    result, single = reconstruct("single", [first], "--pattern", pattern, "--next-pattern",
+                                 folder / "next.png")
+    found = result["next_pattern"]["projector"]
+    check(found["parts"] >= 40 and found["residual_px"] < 1, f"the projector is found: {found}")
+    check(sum(result["next_pattern"]["needs"].values()) == 7500, "each square is judged")
+    judged = {}
+    for name, image in (("plain", "plain.png"), ("refined", "next.png")):
+        ask(do="pair", zoom=1.3, pose=0, lamps="filtered", pattern=str(folder / image),
+            out=str(folder / name))
+        judged[name] = reconstruct(name, [first, folder / name])[1]
+    rig.stdin.close()
+    rig.wait()
+    plain, better = judged["plain"], judged["refined"]
+    check(better["coverage"] > single["coverage"] and better["median_mm"] < single["median_mm"]
+          and better["share_over_1_mm_off_edges"] < single["share_over_1_mm_off_edges"],
+          "a refined second pair: more is known, and better, than from the first alone")
+    check(better["median_mm"] < plain["median_mm"] and better["coverage"] > plain["coverage"],
+          "... and than with just another pattern")
+    code, out, err = run("reconstruct", "--left", first / "left.png", "--right", first / "right.png",
+                         "--calibration", setup / "seated.yaml", "--zoom", "1.3", "--out",
+                         folder / "x.ply", "--pattern", folder / "plain.png", "--next-pattern",
+                         folder / "x.png")
+    check(code == 1 and is_one_line(err) and "is not what the left image shows" in err and
+          not (folder / "x.png").exists() and not (folder / "x.ply").exists(),
+          f"another pattern than was projected: {err.strip()}")
+    code, out, err = run("reconstruct", "--left", first / "left.png", "--right", first / "right.png",
+                         "--calibration", setup / "seated.yaml", "--zoom", "1.3", "--out",
+                         folder / "x.ply", "--next-pattern", folder / "x.png")
+    check(code == 2 and is_one_line(err) and "--pattern" in err, f"no pattern named: {err.strip()}")
 
 
 def tracking(folder):
@@ -208,5 +272,6 @@ with tempfile.TemporaryDirectory() as base:
     command = f"{sys.executable} {pathlib.Path(__file__).resolve()} rig {here / 'cache'} {SIM}"
     study(here / "study", command)
     setup(here / "setup", command)
+    refined(here / "setup", here / "refined")
     tracking(here / "tracking")
 sys.exit(1 if failures else 0)
