@@ -24,10 +24,14 @@ RunResult run_fault(const World& permitted, const FaultClass& fault, std::uint64
   for (int ms = 0; ms < lead_ms; ++ms) (void)world.step();
   fault.disturb(world);
   RunResult result;
-  int over_ms = 0;
+  int over_ms = 0, withheld_ms = 0;
   for (int ms = 1; ms <= fault_ms; ++ms) {
     const Observation seen = world.step();
-    if (!seen.is_permitted && result.reaction_ms < 0) result.reaction_ms = ms;
+    if (seen.is_withheld && withheld_ms == 0) withheld_ms = ms;
+    if (!seen.is_permitted && result.reaction_ms < 0) {
+      result.reaction_ms = ms;
+      if (withheld_ms > 0) result.withheld_to_off_ms = ms - withheld_ms + 1;
+    }
     over_ms = seen.is_permitted && !(seen.error_mm <= kErrorLimitMm) ? over_ms + 1 : 0;
     result.over_limit_max_ms = std::max(result.over_limit_max_ms, over_ms);
     if (seen.is_permitted) result.error_max_mm = std::max(result.error_max_mm, seen.error_mm);

@@ -13,6 +13,9 @@ struct RunResult {
   int over_limit_max_ms = 0;  ///< longest permission in a row with the true error over its limit
   double error_max_mm = 0;    ///< largest true error while permitted
   int reaction_ms = -1;       ///< fault to robot off; -1: it never was off
+  /// The gate's first decision to withhold to robot off, what is left of the millisecond of the
+  /// decision counting as one; -1: the robot was off before, or the gate never withheld.
+  int withheld_to_off_ms = -1;
   [[nodiscard]] bool is_hazard(const FaultClass& fault) const {
     return over_limit_max_ms > fault.over_limit_max_ms;
   }

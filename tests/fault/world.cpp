@@ -113,6 +113,7 @@ void World::run_loop() {
   }
   const rt::ControlOutput output = rt::control_step(now_, parameters_, readings_, state_);
   readings_ = {};
+  is_withheld_ = !output.decision.approved.has_value();
   if (output.decision.changed) t_changed_ = now_;
   if (!d.is_publisher_dead) publish(output);
 }
@@ -148,6 +149,7 @@ Observation World::run_robot() {
   report_robot(pose.has_value());
   Observation seen;
   seen.is_permitted = pose.has_value();
+  seen.is_withheld = is_withheld_;
   if (!pose) return seen;
   Eigen::Isometry3d T_robot_ct = Eigen::Isometry3d::Identity();
   const auto& q = pose->rotation_xyzw;

@@ -111,6 +111,7 @@ struct WorldOptions {
 struct Observation {
   bool is_permitted = false;  ///< the robot's laser-enable output
   double error_mm = 0;  ///< of the pose that the robot acts on, at the target; 0: not permitted
+  bool is_withheld = false;  ///< the gate's newest decision is to withhold
 };
 
 class World {
@@ -212,7 +213,7 @@ class World {
   rt::ControlState state_;
   rt::Readings readings_;
   safety::RobotInput robot_input_;
-  bool has_robot_input_ = false, is_input_corrupt_ = false;
+  bool has_robot_input_ = false, is_input_corrupt_ = false, is_withheld_ = false;
   safety::Receiver robot_receiver_;
 
   // Operator
