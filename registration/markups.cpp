@@ -10,6 +10,7 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include "registration/sealed_json.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -48,8 +49,8 @@ class Reader {
     std::string text(size, '\0');
     std::ifstream file(path_, std::ios::binary);
     if (!file.read(text.data(), static_cast<std::streamsize>(size))) fail("cannot be read");
-    json content = json::parse(text, nullptr, false);
-    if (content.is_discarded()) fail("is not JSON");
+    json content = parse_json(text);
+    if (content.is_discarded()) fail("is not JSON, or nested too deep");
     return content;
   }
 

@@ -15,6 +15,9 @@ using nlohmann::json;
 namespace {
 constexpr std::uintmax_t kMaxJsonBytes = 16U << 20U;
 constexpr double kRotationTolerance = 1e-6;
+constexpr int kDepthMax = 32;
+
+struct TooDeep {};
 }  // namespace
 
 std::string read_whole_file(const std::filesystem::path& file, std::uintmax_t max_bytes) {
@@ -41,6 +44,18 @@ std::string sha256(std::string_view bytes) {
   return text;
 }
 
+json parse_json(std::string_view text) {
+  const auto bounded = [](int depth, json::parse_event_t, json&) {
+    if (depth > kDepthMax) throw TooDeep{};
+    return true;
+  };
+  try {
+    return json::parse(text, bounded, false);
+  } catch (const TooDeep&) {
+    return {json::value_t::discarded};
+  }
+}
+
 /// nlohmann::json keeps members sorted and prints doubles so that they read back exactly, so this
 /// text depends on the values alone.
 std::string seal_of(json content) {
@@ -49,9 +64,9 @@ std::string seal_of(json content) {
 }
 
 json read_sealed(const std::filesystem::path& file) {
-  json content = json::parse(read_whole_file(file, kMaxJsonBytes), nullptr, false);
+  json content = parse_json(read_whole_file(file, kMaxJsonBytes));
   const JsonReader reader{content, file.string()};
-  if (content.is_discarded()) reader.fail("is not JSON");
+  if (content.is_discarded()) reader.fail("is not JSON, or nested too deep");
   if (!content.is_object()) reader.fail("is not a JSON object");
   const std::string stated = reader.text("checksum");
   const std::string computed = seal_of(content);

@@ -25,6 +25,10 @@ namespace holdfast::registration {
 /// "sha256:" and 64 hex digits.
 [[nodiscard]] std::string sha256(std::string_view bytes);
 
+/// Discarded (`is_discarded()`) when it is no JSON or nested deeper than any of our files: copying
+/// and printing a value descend into it, and the stack must hold that.
+[[nodiscard]] nlohmann::json parse_json(std::string_view text);
+
 /// Of the content without its member `checksum`.
 [[nodiscard]] std::string seal_of(nlohmann::json content);
 

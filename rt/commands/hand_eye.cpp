@@ -88,8 +88,7 @@ class SpotsFile {
       : path_(std::move(path)), folder_(fs::path(path_).parent_path()), input_(input) {}
 
   std::vector<HandEyeSpot> read() {
-    const json content =
-        json::parse(registration::read_whole_file(path_, kMaxBytes), nullptr, false);
+    const json content = registration::parse_json(registration::read_whole_file(path_, kMaxBytes));
     const JsonReader whole{content, path_};
     if (!content.is_object()) whole.fail("is not a JSON object");
     const json& list = whole.member("spots");

@@ -105,6 +105,13 @@ TEST_F(RegistrationFile, NamesTheMissingMember) {
   }
 }
 
+/// Such a text parses, but whoever then prints or copies it would run out of stack.
+TEST_F(RegistrationFile, RefusesJsonNestedDeeperThanAnyOfOurFiles) {
+  constexpr std::size_t kDepth = 1'000'000;
+  const std::string nested = R"({"a":)" + std::string(kDepth, '[') + std::string(kDepth, ']') + "}";
+  EXPECT_NE(refusal(write(nested)).find("nested too deep"), std::string::npos);
+}
+
 TEST_F(RegistrationFile, RefusesWhatIsNotARegistration) {
   EXPECT_NE(refusal(write("")).find("is not JSON"), std::string::npos);
   EXPECT_NE(refusal(write("[]")).find("not a JSON object"), std::string::npos);
