@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What comes over CAN and DDS.
+// What comes over CAN, DDS and HTTP.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -8,6 +8,8 @@
 #include "bridge/can/microscope_watch.hpp"
 #include "bridge/client/permission.hpp"
 #include "bridge/dds/message_protection.hpp"
+#include "bridge/http/http_access.hpp"
+#include "rt/guard/guard_core.hpp"
 #include "tests/fuzz/targets.hpp"
 
 namespace holdfast::fuzz {
@@ -163,11 +165,68 @@ std::vector<Bytes> pose_seeds() {
   return {bytes_of(pose)};
 }
 
-}  // namespace
-
-void require(bool holds, const char* what) {
-  if (!holds) throw std::logic_error(what);
+/// The guard's messages one after the other, a millisecond apart, right CRCs on every second.
+template <class M>
+void tell(guard::GuardCore& core, std::span<const std::uint8_t> bytes, std::uint32_t counter,
+          const Clocks& clocks) {
+  M message = message_of<M>(bytes);
+  if (counter % 2 == 0) bridge::dds::protect(message, 7, counter, milliseconds(15), clocks);
+  core.take(message, clocks);
 }
+
+void take_by_guard(std::span<const std::uint8_t> bytes) {
+  constexpr std::size_t kPieceMax = 1024;
+  guard::GuardCore core(guard::GuardLimits{}, Eigen::Isometry3d::Identity());
+  for (std::uint32_t counter = 1; bytes.size() > 1; ++counter) {
+    const Clocks clocks{kNow + counter * milliseconds(1), kClocks.utc + counter * milliseconds(1)};
+    const unsigned kind = bytes[0] % 5U;
+    const auto piece = bytes.subspan(1, std::min(bytes.size() - 1, kPieceMax));
+    if (kind == 0) tell<msg::MotionStop>(core, piece, counter, clocks);
+    if (kind == 1) tell<msg::CompensatedPose>(core, piece, counter, clocks);
+    if (kind == 2) tell<msg::TrackingHealth>(core, piece, counter, clocks);
+    if (kind == 3) tell<msg::RegistrationInfo>(core, piece, counter, clocks);
+    if (kind == 4) tell<msg::RobotStatus>(core, piece, counter, clocks);
+    const guard::GuardAnswer& answer = core.decide(clocks.monotonic);
+    require(answer.is_permitted == (answer.cause == guard::GuardCause::none),
+            "an answer that is not its cause");
+    bytes = bytes.subspan(1 + piece.size());
+  }
+}
+
+std::vector<Bytes> guard_seeds() {
+  return {Bytes(3000, 1), Bytes(3000, 3)};
+}
+
+constexpr std::string_view kToken = "0123456789abcdef0123456789abcdef";
+
+std::vector<Bytes> http_seeds() {
+  return {bytes_of_text("/?token=" + std::string(kToken) + "\n127.0.0.1:8080\n\n"),
+          bytes_of_text("/page.js\nlocalhost\nholdfast=" + std::string(kToken) + "\n"),
+          bytes_of_text("/\nlocalhost\n\nBearer " + std::string(kToken))};
+}
+
+/// Target, host, cookie, authorization, a line each.
+void take_http(std::span<const std::uint8_t> bytes) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  std::string_view rest = text;
+  const auto line = [&] {
+    const std::string_view head = rest.substr(0, rest.find('\n'));
+    rest.remove_prefix(std::min(rest.size(), head.size() + 1));
+    return head;
+  };
+  bridge::HttpAsking asking;
+  asking.target = line();
+  asking.host = line();
+  asking.cookie = line();
+  asking.authorization = line();
+  const bridge::HttpAnswer answer = bridge::access(asking, kToken);
+  const bool is_let_in =
+      answer == bridge::HttpAnswer::serve || answer == bridge::HttpAnswer::set_cookie;
+  require(!is_let_in || text.find(kToken) != std::string_view::npos, "let in without the token");
+  (void)bridge::path_of(asking.target);
+}
+
+}  // namespace
 
 std::span<const Target> message_targets() {
   static const Target targets[] = {
@@ -176,7 +235,9 @@ std::span<const Target> message_targets() {
       {"compensated_pose", pose_seeds, take_by_client<msg::CompensatedPose>},
       {"pose_when_permitted", pose_seeds, take_pose_when_permitted},
       {"guard_permission", message_seeds<msg::GuardPermission>,
-       take_by_client<msg::GuardPermission>}};
+       take_by_client<msg::GuardPermission>},
+      {"guard", guard_seeds, take_by_guard},
+      {"http_access", http_seeds, take_http}};
   return targets;
 }
 

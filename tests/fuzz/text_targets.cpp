@@ -1,48 +1,30 @@
 // SPDX-License-Identifier: Apache-2.0
-// What is read from files: configuration, calibrations, registration, points, surfaces, depth.
-#include <algorithm>
+// Texts: configuration, calibrations, registration, points, patterns. A seal guards against
+// accidents, not against someone who seals anew: what is sealed is tried with its right seal too.
 #include <cmath>
 #include <fstream>
 #include <iterator>
 #include <string>
+#include <string_view>
 
-#include <opencv2/imgcodecs.hpp>
-#include <sys/mman.h>
-#include <unistd.h>
+#include <nlohmann/json.hpp>
 
 #include "bridge/camera_file.hpp"
-#include "bridge/depth_file.hpp"
+#include "registration/hand_eye_file.hpp"
 #include "registration/markups.hpp"
-#include "registration/mesh_file.hpp"
+#include "registration/pattern_table.hpp"
 #include "registration/registration_file.hpp"
+#include "registration/sealed_json.hpp"
 #include "registration/stereo_calibration.hpp"
 #include "registration/transform_file.hpp"
 #include "rt/daemon_config.hpp"
+#include "tests/fuzz/memory_file.hpp"
 #include "tests/fuzz/targets.hpp"
 
 namespace holdfast::fuzz {
 namespace {
 
-/// The bytes as a file that exists in memory only.
-class MemoryFile {
- public:
-  explicit MemoryFile(std::span<const std::uint8_t> bytes) : fd_(memfd_create("fuzz", 0)) {
-    const bool is_whole =
-        fd_ >= 0 && write(fd_, bytes.data(), bytes.size()) == static_cast<ssize_t>(bytes.size());
-    if (!is_whole) throw std::runtime_error("memfd");
-  }
-  ~MemoryFile() { close(fd_); }
-  MemoryFile(const MemoryFile&) = delete;
-  MemoryFile& operator=(const MemoryFile&) = delete;
-  [[nodiscard]] std::string path() const { return "/proc/self/fd/" + std::to_string(fd_); }
-
- private:
-  int fd_;
-};
-
-Bytes text(const std::string& content) {
-  return {content.begin(), content.end()};
-}
+using nlohmann::json;
 
 std::vector<Bytes> no_seeds() {
   return {};
@@ -57,15 +39,6 @@ std::vector<Bytes> config_seeds() {
   return seeds;
 }
 
-std::vector<Bytes> mesh_seeds() {
-  registration::TriangleMesh mesh;
-  for (int i = 0; i < 5; ++i)
-    mesh.vertices_mm.emplace_back(static_cast<float>(i), static_cast<float>(i * i), 200.0F);
-  mesh.triangles = {{0, 1, 2}, {1, 2, 3}, {2, 3, 4}};
-  mesh.R_rectified_camera = Eigen::Matrix3d::Identity();
-  return {text(ply_bytes(mesh)), text(stl_bytes(mesh))};
-}
-
 std::vector<Bytes> registration_seeds() {
   registration::Registration registration;
   registration.T_camera_ct.translation() = Eigen::Vector3d(1, 2, 200);
@@ -73,7 +46,7 @@ std::vector<Bytes> registration_seeds() {
   registration.tre.push_back({});
   registration.zoom = 1.1;
   registration.focus_mm = 200;
-  return {text(sealed_registration(registration, "/"))};
+  return {bytes_of_text(sealed_registration(registration, "/"))};
 }
 
 std::vector<Bytes> markup_seeds() {
@@ -82,20 +55,30 @@ std::vector<Bytes> markup_seeds() {
     markups.points.push_back({std::to_string(i), Eigen::Vector3d(i, 2 * i, 3),
                               Eigen::Matrix3d::Identity() * 0.01, "bead"});
   markups.joint_covariance_mm2 = Eigen::MatrixXd::Identity(12, 12) * 0.01;
-  return {text(markups_text(markups))};
+  return {bytes_of_text(markups_text(markups))};
 }
 
 std::vector<Bytes> transform_seeds() {
-  return {text(registration::transform_text(Eigen::Isometry3d::Identity()))};
+  return {bytes_of_text(registration::transform_text(Eigen::Isometry3d::Identity()))};
 }
 
-constexpr int kDepthWidth = 8, kDepthHeight = 6;
+std::vector<Bytes> hand_eye_seeds() {
+  registration::HandEyeCalibration calibration;
+  calibration.covariance.diagonal().setConstant(1e-4);
+  calibration.zoom = 1.3;
+  calibration.focus_mm = 200;
+  calibration.image_width_px = 2456;
+  calibration.image_height_px = 2054;
+  calibration.camera_matrix.diagonal() = Eigen::Vector3d(20000, 20000, 1);
+  return {bytes_of_text(sealed_hand_eye(calibration))};
+}
 
-std::vector<Bytes> depth_seeds() {
-  const cv::Mat depth(kDepthHeight, kDepthWidth, CV_32FC1, cv::Scalar(200));
-  Bytes bytes;
-  cv::imencode(".tiff", depth, bytes);
-  return {bytes};
+const registration::PatternTableHead kTableHead;
+
+std::vector<Bytes> pattern_table_seeds() {
+  registration::PatternEvaluation evaluation;
+  evaluation.zoom = 1.3;
+  return {bytes_of_text(pattern_table_text(kTableHead, {evaluation}))};
 }
 
 void take_config(std::span<const std::uint8_t> bytes) {
@@ -115,11 +98,43 @@ void take_stereo(std::span<const std::uint8_t> bytes) {
   (void)registration::read_stereo_calibration(file.path());
 }
 
-void take_registration(std::span<const std::uint8_t> bytes) {
-  const MemoryFile file(bytes);
-  const registration::Registration read = registration::load_registration(file.path());
+void check(const registration::Registration& read) {
   require(read.T_camera_ct.matrix().allFinite() && read.covariance.allFinite(),
           "a registration that is no number");
+}
+
+void check(const registration::HandEyeCalibration& read) {
+  require(read.T_robot_camera.matrix().allFinite() && read.covariance.allFinite(),
+          "a hand-eye calibration that is no number");
+}
+
+/// The text as it is and, where it is a JSON object, with its right seal.
+template <class Load>
+void take_sealed(std::span<const std::uint8_t> bytes, const Load& load) {
+  const std::string text(bytes.begin(), bytes.end());
+  json content = registration::parse_json(text);
+  if (content.is_object()) {
+    content["checksum"] = registration::seal_of(content);
+    const Bytes sealed = bytes_of_text(content.dump());
+    const MemoryFile file(sealed);
+    check(load(file.path()));
+  }
+  const MemoryFile file(bytes);
+  check(load(file.path()));
+}
+
+void take_registration(std::span<const std::uint8_t> bytes) {
+  take_sealed(bytes, [](const std::string& path) { return registration::load_registration(path); });
+}
+
+void take_hand_eye(std::span<const std::uint8_t> bytes) {
+  take_sealed(bytes, [](const std::string& path) { return registration::load_hand_eye(path); });
+}
+
+void take_pattern_table(std::span<const std::uint8_t> bytes) {
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  for (const auto& evaluation : registration::parse_pattern_table("patterns.csv", text, kTableHead))
+    require(std::isfinite(evaluation.objective_mm), "an evaluation that is no number");
 }
 
 void take_markups(std::span<const std::uint8_t> bytes) {
@@ -134,35 +149,17 @@ void take_transform(std::span<const std::uint8_t> bytes) {
           "a transform that is no number");
 }
 
-void take_mesh(std::span<const std::uint8_t> bytes) {
-  const MemoryFile file(bytes);
-  const registration::TriangleMesh mesh = registration::read_mesh(file.path());
-  require(!mesh.vertices_mm.empty(), "a surface without vertices");
-  for (const Eigen::Vector3f& vertex : mesh.vertices_mm)
-    require(vertex.allFinite(), "a vertex that is no number");
-  for (const auto& triangle : mesh.triangles)
-    for (const std::uint32_t index : triangle)
-      require(index < mesh.vertices_mm.size(), "an index out of range");
-}
-
-void take_depth(std::span<const std::uint8_t> bytes) {
-  const MemoryFile file(bytes);
-  const cv::Mat depth = bridge::read_depth_file(file.path(), kDepthWidth, kDepthHeight);
-  require(depth.type() == CV_32FC1 && depth.cols == kDepthWidth && depth.rows == kDepthHeight,
-          "a depth map of another kind");
-}
-
 }  // namespace
 
-std::span<const Target> file_targets() {
+std::span<const Target> text_targets() {
   static const Target targets[] = {{"config", config_seeds, take_config},
                                    {"camera", no_seeds, take_camera},
                                    {"stereo", no_seeds, take_stereo},
                                    {"registration", registration_seeds, take_registration},
+                                   {"hand_eye", hand_eye_seeds, take_hand_eye},
                                    {"markups", markup_seeds, take_markups},
                                    {"transform", transform_seeds, take_transform},
-                                   {"mesh", mesh_seeds, take_mesh},
-                                   {"depth", depth_seeds, take_depth}};
+                                   {"pattern_table", pattern_table_seeds, take_pattern_table}};
   return targets;
 }
 
