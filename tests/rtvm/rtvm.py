@@ -6,6 +6,8 @@ In one guest: the loop alone, the loop under hackbench, and five loops with a pl
 page touch, lock without priority inheritance, printf, drifting grid), all of which must be caught; and the
 microscope on vcan (classic and FD) and on two emulated SJA1000 controllers. In a second guest, with Debian's
 ordinary kernel: the loop under hackbench, which must fail, or the measurement could not tell the two apart.
+In three more the guard strokes the machine's watchdog: a machine whose guard ends in order lives on, one whose
+guard is killed, or whose robot is enabled against it, is reset.
 
 It shows logic, locking and instruction counts on the kernel that the robot PC runs, not that PC's hardware.
 
@@ -32,14 +34,13 @@ CAN = {  # bus: what must be 1 on it
     "can_sja1000": ("optics_known", "receive_overflow", "queue_filled", "transmit_queue_full")}
 CAN_COMMANDS, CONFIRM_MAX_MS, MISSING_MAX_MS = 200, 5, 40  # 40 ms: two heartbeat periods
 TOLD_MAX_MS = 25  # a state period, the reader's and the probe's millisecond
+WATCHDOG_CASES, WATCHDOG_MAX_S = ("orderly", "killed", "disobeyed"), 4  # its patience is 3 s
 # Cycles: quiet, loaded, of each mutant, of the control. A cycle is a millisecond.
 SIZES = {"quick": (2000, 800, 300, 800), "full": (600_000, 600_000, 5000, 20_000)}
 
 
-def run_guest(kernel, bin_directory, cycles, timeout):
-    """The campaign's lines as a dictionary; raises RuntimeError when the guest did not end well."""
-    command = ["bash", str(HERE / "campaign.sh"), str(bin_directory), *map(str, cycles)]
-    options = guest.parse(["--kernel", kernel, "--virtual-time", "--timeout", str(timeout), *command])
+def boot(options):
+    """Exit code and lines of a guest."""
     with tempfile.TemporaryFile("w+") as output:
         saved = os.dup(1)
         os.dup2(output.fileno(), 1)
@@ -49,7 +50,13 @@ def run_guest(kernel, bin_directory, cycles, timeout):
             os.dup2(saved, 1)
             os.close(saved)
         output.seek(0)
-        lines = output.read().splitlines()
+        return code, output.read().splitlines()
+
+
+def run_guest(kernel, bin_directory, cycles, timeout):
+    """The campaign's lines as a dictionary; raises RuntimeError when the guest did not end well."""
+    command = ["bash", str(HERE / "campaign.sh"), str(bin_directory), *map(str, cycles)]
+    code, lines = boot(guest.parse(["--kernel", kernel, "--virtual-time", "--timeout", str(timeout), *command]))
     results = {}
     for line in lines:
         name, _, text = line.partition(" ")
@@ -62,11 +69,21 @@ def run_guest(kernel, bin_directory, cycles, timeout):
     return results
 
 
+def watchdog_case(name, bin_directory):
+    """Seconds that the machine lived on after what happened to its guard, and whether it was reset then."""
+    command = ["bash", str(HERE / "watchdog.sh"), str(bin_directory), name]
+    code, lines = boot(guest.parse(["--virtual-time", "--timeout", "600", *command]))
+    values = dict(line.split() for line in lines if len(line.split()) == 2)
+    if "guarded_s" not in values or code not in (0, guest.DIED):
+        raise RuntimeError(f"the guest of watchdog.sh {name} ended with exit code {code}: {' | '.join(lines)}")
+    return {"alive_s": int(values.get("alive_s", 0)), "is_reset": code == guest.DIED}
+
+
 def failures_of(results, name):
     return results.get(name, {}).get("failures", ["no result"])
 
 
-def summarise(rt, plain):
+def summarise(rt, plain, watchdog):
     caught = [name for name, finding in MUTANTS.items() if finding in failures_of(rt, f"mutant_{name}")]
     return {
         "kernel": rt["kernel"], "cycles": rt["quiet"]["cycles"] + rt["loaded"]["cycles"],
@@ -84,6 +101,7 @@ def summarise(rt, plain):
             "node_fell_silent_ms": max(rt[bus]["fell_silent_ms"] for bus in CAN),
             "reader_tells_zoom_ms": max(rt[bus]["reader_tells_zoom_ms"] for bus in CAN),
             "reader_misses_ms": max(rt[bus]["reader_misses_ms"] for bus in CAN)},
+        "watchdog": watchdog,
         "runs": {"rt": rt, "control": plain}}
 
 
@@ -100,6 +118,12 @@ def can_problem(rt, bus):
     return f"{bus}: {', '.join(wrong)}: {json.dumps(seen)}" if wrong else None
 
 
+def watchdog_problem(seen):
+    if not seen["is_reset"]:
+        return "it was not reset"
+    return f"only after {seen['alive_s']} s" if seen["alive_s"] > WATCHDOG_MAX_S else None
+
+
 def checks(rt, result):
     """Name, requirement and problem (None: as required) of each thing that must be so."""
     def clean(name, *wanted):
@@ -114,6 +138,10 @@ def checks(rt, result):
          f"not caught: {', '.join(result['mutants_missed'])}"),
         *((f"Microscope{bus.removeprefix('can_').title().replace('_', '')}", "SR-91,SR-93,SR-95,SR-108", can_problem(rt, bus))
           for bus in CAN),
+        ("MachineLivesOnWhenTheGuardEndsInOrder", "SR-144",
+         None if not result["watchdog"]["orderly"]["is_reset"] else "it was reset"),
+        *((f"MachineIsResetWhenTheGuardIs{name.title()}", "SR-144", watchdog_problem(result["watchdog"][name]))
+          for name in ("killed", "disobeyed")),
         ("ControlKernelFails", "SR-78", None if result["control_kernel_failed"] else
          f"the ordinary kernel passed: {json.dumps(result['runs']['control'].get('loaded'))}")]
 
@@ -150,7 +178,8 @@ def main():
         bin_directory = arguments.bin.resolve(strict=True)
         rt = run_guest("rt", bin_directory, (quiet, loaded, mutant), timeout)
         plain = run_guest("plain", bin_directory, (0, control, 0), timeout)
-        result = summarise(rt, plain)
+        watchdog = {name: watchdog_case(name, bin_directory) for name in WATCHDOG_CASES}
+        result = summarise(rt, plain, watchdog)
     except kernel_image.Unavailable as missing:
         print(missing, file=sys.stderr)
         return 3

@@ -33,6 +33,7 @@ struct RobotOptions {
   double fault_at_s = -1;
   bool has_json = false;
   bool is_without_guard = false;
+  bool is_disobedient = false;  ///< reports that it is enabled, whatever it was told
 };
 
 nanoseconds monotonic_now() {
@@ -128,7 +129,8 @@ class Robot {
         next_report = now;  // at once
       }
       if (now >= next_report) {
-        (void)client_.report({is_moving_, has_fault_, has_fault_ ? 1U : 0U});
+        (void)client_.report(
+            {is_moving_ || options_.is_disobedient, has_fault_, has_fault_ ? 1U : 0U});
         next_report = now + kReportPeriod;
       }
       client_.wait(std::min({next_report, end, fault > now ? fault : end}) - now);
@@ -246,6 +248,8 @@ void add_robot_command(CLI::App& app) {
       ->check(CLI::NonNegativeNumber);
   command->add_flag("--without-guard", options->is_without_guard,
                     "obey the daemon alone; otherwise holdfast-guard must permit too");
+  command->add_flag("--disobeys", options->is_disobedient,
+                    "a broken one: it says that it is enabled, whatever it was told");
   command->add_flag("--json", options->has_json, "the result as one JSON object");
   command->footer("Example: holdfast-sim robot --domain 7 --log robot.csv --duration 10");
   command->callback([options] {
