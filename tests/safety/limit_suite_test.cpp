@@ -115,5 +115,33 @@ TEST(Monitors, SeeARegistrationChangeOnlyOfAVerifiedOne) {
   EXPECT_EQ(observed_reasons({}, inputs, state).primary(), Reason::registration_changed);
 }
 
+TEST(Monitors, ExpectTheScaleOfTheZoomThatWasRead) {
+  RecordProperty("requirement", "SR-99");
+  Limits limits;
+  limits.zoom_tolerance = 0.1;
+  limits.scale_mismatch_max = 0.01;
+  Inputs inputs = test::good_inputs(kNow);
+  inputs.optics.zoom = 1.05 * inputs.registration.zoom;
+  inputs.tracking.scale = 1.05;
+  EXPECT_EQ(observed_reasons(limits, inputs, {}).bits(), 0U);
+  inputs.tracking.scale = 1;
+  EXPECT_EQ(observed_reasons(limits, inputs, {}).primary(), Reason::scale_mismatch);
+}
+
+TEST(Monitors, TakeInliersAllOverTheImageForWhatTheyAre) {
+  Inputs inputs = test::good_inputs(kNow);
+  inputs.tracking.inlier_spread = 1;
+  EXPECT_EQ(observed_reasons({}, inputs, {}).bits(), 0U);
+}
+
+/// A camera that reports a stop is believed, and the stop keeps its name.
+TEST(Monitors, KeepTheNameOfAStopThatTheCameraReports) {
+  Inputs inputs = test::good_inputs(kNow);
+  inputs.camera.faults.insert(Reason::clock_step);
+  ReasonSet expected;
+  expected.insert(Reason::clock_step);
+  EXPECT_EQ(observed_reasons({}, inputs, {}).bits(), expected.bits());
+}
+
 }  // namespace
 }  // namespace holdfast::safety

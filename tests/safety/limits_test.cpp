@@ -159,6 +159,11 @@ TEST(Limits, AreAcceptedAtTheEndsOfTheirRanges) {
   tight.focus_tolerance_mm = tight.scale_mismatch_max = 0.001;
   tight.optics_age_max = milliseconds(1);
   EXPECT_EQ(invalid_limit(tight).value_or(""), "");
+  Limits wide;
+  wide.optics_age_max = milliseconds(500);
+  wide.zoom_tolerance = 0.1;
+  wide.inlier_spread_min = 1;
+  EXPECT_EQ(invalid_limit(wide).value_or(""), "");
 }
 
 }  // namespace
