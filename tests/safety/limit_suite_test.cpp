@@ -126,6 +126,8 @@ TEST(Monitors, ExpectTheScaleOfTheZoomThatWasRead) {
   EXPECT_EQ(observed_reasons(limits, inputs, {}).bits(), 0U);
   inputs.tracking.scale = 1;
   EXPECT_EQ(observed_reasons(limits, inputs, {}).primary(), Reason::scale_mismatch);
+  inputs.tracking.scale = 1.05 * 1.0099;  // the limit is a share of what is expected
+  EXPECT_EQ(observed_reasons(limits, inputs, {}).bits(), 0U);
 }
 
 TEST(Monitors, TakeInliersAllOverTheImageForWhatTheyAre) {

@@ -48,6 +48,14 @@ TEST(IsCovariance, JudgesMillimetresAndRadiansAlike) {
   EXPECT_FALSE(is_covariance(covariance));
 }
 
+TEST(IsCovariance, AllowsCorrelationsTheAsymmetryOfRoundingAndNoMore) {
+  Matrix6d covariance = Matrix6d::Identity();
+  covariance(0, 1) = 9e-10;
+  EXPECT_TRUE(is_covariance(covariance));
+  covariance(0, 1) = 1.1e-9;
+  EXPECT_FALSE(is_covariance(covariance));
+}
+
 TEST(IsCovariance, RefusesEveryElementBeingNan) {
   for (Eigen::Index i = 0; i < 36; ++i) {
     Matrix6d covariance = Matrix6d::Identity();
