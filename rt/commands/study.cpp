@@ -38,6 +38,10 @@ constexpr const char* kExample =
     "  holdfast study --tracking --out look/ --scenes cavity_bone --motions spiral:0.2\n"
     "and where the beam of a robot lands that follows, compensated and not\n"
     "  holdfast study --tracking --out beam/ --scenes cavity_bone --motions spiral:0.2 --beam\n"
+    "What the tracker says under shocks, blood, smoke and the like, about eight minutes; one of "
+    "them\n"
+    "  holdfast study --tracking --disturbances --out disturbed/\n"
+    "  holdfast study --tracking --disturbances --out disturbed/ --only smoke\n"
     "Writes report.html (one self-contained page) and results.csv (every reconstruction); "
     "settings\n"
     "are in study.json before the first image is made. A rig is a program that answers requests "
@@ -54,7 +58,9 @@ struct Options {
   TrackingSettings tracking;
   std::vector<std::string> scenes{"cavity_bone", "cavity_covered", "cavity_bloody"};
   std::vector<std::string> beam_motions{"still:2", "linear:0.2", "breathing", "tilt", "bump"};
-  bool is_tracking = false, is_beam = false;
+  bool is_tracking = false, is_beam = false, is_disturbed = false;
+  bool are_scenes_default = true, is_rate_default = true;
+  std::vector<std::string> only;
 };
 
 void show(int done, int all, const std::string& what) {
@@ -146,6 +152,22 @@ void report(const Options& options, const StudyResult& result) {
                json["refused"].get<int>());
 }
 
+void run_disturbances(const Options& options) {
+  const TrackingSettings& t = options.tracking;
+  DisturbanceSettings s;
+  s.scenes = t.scenes;
+  if (options.rig.empty() && options.are_scenes_default) s.scenes.resize(1);
+  s.zoom = t.zoom;
+  if (!options.is_rate_default) s.rate_hz = t.rate_hz;
+  s.calibration_pairs = t.calibration_pairs;
+  s.setup = t.setup;
+  for (const Disturbance& disturbance : all_disturbances())
+    if (options.only.empty() ||
+        std::find(options.only.begin(), options.only.end(), disturbance.name) != options.only.end())
+      s.disturbances.push_back(disturbance);
+  study_disturbances(s, options.out, options.is_json, show);
+}
+
 /// Each scene is a room of its own.
 void run_tracking(Options& options) {
   TrackingSettings& s = options.tracking;
@@ -159,6 +181,7 @@ void run_tracking(Options& options) {
       s.scenes.push_back({scene, virtual_rig({"--seed", fmt::format("{}", options.settings.seed),
                                               "--phantom", scene})});
   const ClearLine clear;
+  if (options.is_disturbed) return run_disturbances(options);
   study_tracking(s, options.out, options.is_json, show);
 }
 
@@ -233,11 +256,21 @@ void add_study(CLI::App& app) {
                    "larger or smaller")
       ->delimiter(',')
       ->default_val(std::vector<std::string>{"linear", "spiral"});
-  study->add_option("--rate", options->tracking.rate_hz, "With --tracking: frames/s")
+  study
+      ->add_option("--rate", options->tracking.rate_hz,
+                   "With --tracking: frames/s (with --disturbances 30 unless given)")
       ->check(CLI::Range(1.0, 240.0))
       ->capture_default_str();
   study->add_flag("--beam", options->is_beam,
                   "With --tracking: also where the beam lands of a robot that follows");
+  study->add_flag("--disturbances", options->is_disturbed,
+                  "With --tracking: instead of paper B's paths, of one scene unless --scenes says "
+                  "otherwise");
+  std::vector<std::string> names;
+  for (const Disturbance& disturbance : all_disturbances()) names.push_back(disturbance.name);
+  study->add_option("--only", options->only, "With --disturbances: of them these")
+      ->delimiter(',')
+      ->check(CLI::IsMember(names));
   study->add_option("--beam-motions", options->beam_motions, "With --beam")
       ->delimiter(',')
       ->capture_default_str();
@@ -246,7 +279,11 @@ void add_study(CLI::App& app) {
       ->capture_default_str();
   study->add_flag("--json", options->is_json, "Print one JSON object on stdout");
   study->footer(kExample);
-  study->callback([options] { run(*options); });
+  study->callback([options, study] {
+    options->are_scenes_default = study->count("--scenes") == 0;
+    options->is_rate_default = study->count("--rate") == 0;
+    run(*options);
+  });
 }
 
 }  // namespace holdfast::rt

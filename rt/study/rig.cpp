@@ -63,6 +63,7 @@ double figure(const json& answer, const char* key) {
 json as_json(const SequenceRequest& wanted) {
   json what{{"zoom", wanted.zoom}, {"motion", wanted.motion}, {"rate_hz", wanted.rate_hz}};
   if (!wanted.lamps.empty()) what["lamps"] = wanted.lamps;
+  if (!wanted.disturbances.empty()) what["disturbances"] = wanted.disturbances;
   return what;
 }
 
@@ -89,7 +90,7 @@ RigCommand virtual_rig(const std::vector<std::string>& arguments) {
   return command;
 }
 
-Rig::Rig(const RigCommand& command) : name_("--rig " + command.at(0)) {
+Rig::Rig(const RigCommand& command) : name_("--rig " + command.at(0)), command_(rig_text(command)) {
   // A socket for the requests: a rig that has ended must not end us by SIGPIPE. What it complains
   // of goes into memory: a refusal is one line of ours.
   std::array<int, 2> asked{-1, -1}, answered{-1, -1};
@@ -181,6 +182,7 @@ TrackingJudgement Rig::tracking_error(const TrackingQuestion& question) {
   what["poses"] = question.poses.string();
   what["calibration"] = question.calibration.string();
   what["rows"] = question.rows.string();
+  if (question.point_site_mm) what["point_site_mm"] = *question.point_site_mm;
   const json answer = request(what);
   TrackingJudgement judgement;
   judgement.frames = answer.value("frames", 0);

@@ -5,9 +5,11 @@
 // it: only "depth-error" is answered from it, with figures.
 #pragma once
 
+#include <array>
 #include <chrono>
 #include <filesystem>
 #include <limits>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -64,7 +66,8 @@ struct SequenceRequest {
   double zoom = 0;
   std::string motion;
   double rate_hz = 0;
-  std::string lamps;  ///< as PairRequest::lamps
+  std::string lamps;         ///< as PairRequest::lamps
+  std::string disturbances;  ///< of the picture ("smoke:1:3", ... as the rig names them); or none
 };
 struct RigSequence {
   int frames = 0;
@@ -81,6 +84,8 @@ struct TrackingQuestion {
   std::filesystem::path poses;        ///< poses.csv
   std::filesystem::path calibration;  ///< stereo.yaml it was tracked with
   std::filesystem::path rows;         ///< to be written: the errors of each frame (CSV)
+  /// Where it is judged; none: where the optical axis meets the site.
+  std::optional<std::array<double, 3>> point_site_mm;
 };
 
 /// What a robot was told, and where its beam truly landed. NaN: it never was on.
@@ -108,6 +113,9 @@ class Rig {
   // UnavailableError with its last line on stderr when it has ended, InterruptedError after SIGINT
   // or SIGTERM, InputError for an unreadable image.
 
+  /// In one line, as rig_text(): by which results are known.
+  [[nodiscard]] const std::string& command() const noexcept { return command_; }
+
   /// out/zoom_Z/left_NN.png and right_NN.png: `pairs` views of the calibration board.
   void boards(double zoom, int pairs, const std::filesystem::path& out);
   /// The object's CT as DICOM files in `out`.
@@ -127,7 +135,7 @@ class Rig {
   [[nodiscard]] nlohmann::json request(const nlohmann::json& what);
   [[nodiscard]] std::string read_line();
   [[noreturn]] void report_end() const;
-  std::string name_, unread_;
+  std::string name_, command_, unread_;
   pid_t pid_ = -1;
   int to_rig_ = -1, from_rig_ = -1, complaints_ = -1;
 };

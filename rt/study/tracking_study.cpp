@@ -3,8 +3,6 @@
 
 #include <cstdlib>
 #include <fstream>
-#include <limits>
-#include <memory>
 #include <optional>
 #include <sstream>
 
@@ -12,75 +10,22 @@
 
 #include "bridge/atomic_file.hpp"
 #include "bridge/depth_file.hpp"
-#include "bridge/image_sequence.hpp"
 #include "perception/direct_tracker.hpp"
 #include "perception/paper_tracker.hpp"
 #include "perception/tracker.hpp"
 #include "perception/tracker_parameters.hpp"
-#include "registration/pattern.hpp"
-#include "registration/reconstruction.hpp"
-#include "registration/stereo_calibration.hpp"
 #include "rt/core/error.hpp"
 #include "rt/study/closed_loop.hpp"
-#include "rt/study/illumination.hpp"
-#include "rt/study/setup_flow.hpp"
 #include "rt/study/study_files.hpp"
-#include "rt/study/trajectory_file.hpp"
+#include "rt/study/tracking_stages.hpp"
 
 namespace holdfast::rt {
 namespace {
 
 namespace fs = std::filesystem;
 using perception::MotionEstimate;
-using perception::TrackingReason;
 
 constexpr const char* kMethods[] = {"direct", "orb", "paper"};
-
-/// The left camera as calibrated, of the part of its image that the frames show.
-perception::CameraModel camera_of(const registration::ZoomCalibration& zoom,
-                                  const cv::Rect& region_px) {
-  perception::CameraModel camera;
-  camera.width_px = region_px.width;
-  camera.height_px = region_px.height;
-  const cv::Matx33d& K = zoom.camera_matrix_left;
-  camera.fx_px = K(0, 0);
-  camera.fy_px = K(1, 1);
-  camera.cx_px = K(0, 2) - region_px.x;
-  camera.cy_px = K(1, 2) - region_px.y;
-  camera.distortion = zoom.distortion_left.clone();
-  return camera;
-}
-
-struct Followed {
-  std::vector<MotionEstimate> estimates;  ///< one a frame, from the keyframe's own on
-  std::string refusal;                    ///< why there are none
-};
-
-template <typename AnyTracker>
-Followed follow(AnyTracker tracker, const fs::path& frames,
-                const perception::SiteGeometry& geometry) {
-  bridge::ImageSequence sequence(frames.string(), std::nullopt);
-  Followed followed;
-  while (const auto frame = sequence.next()) {
-    if (frame->index == 0) {
-      const TrackingReason reason = tracker.set_keyframe(frame->image, geometry);
-      if (reason != TrackingReason::none) {
-        followed.refusal = fmt::format("the keyframe cannot serve: {}", name(reason));
-        return followed;
-      }
-    }
-    followed.estimates.push_back(tracker.track(frame->image, frame->t));
-  }
-  return followed;
-}
-
-std::string poses_csv(const std::vector<MotionEstimate>& estimates) {
-  std::string csv = trajectory_header();
-  int frame = 0;
-  for (const MotionEstimate& estimate : estimates)
-    csv += trajectory_row(frame++, estimate.t_exposure, estimate);
-  return csv;
-}
 
 std::vector<StageTime> times_of(const std::vector<MotionEstimate>& estimates) {
   StageStatistics stages;
@@ -133,48 +78,16 @@ class TrackingStudy {
   void tell(const std::string& what) const { progress_(done_, all_, what); }
 
   void calibrate(Rig& rig) {
-    const fs::path images = folder_ / "boards", out = folder_ / "stereo.yaml";
-    fs::remove_all(images);
-    tell(fmt::format("calibration images at zoom {:g}", settings_.zoom));
-    rig.boards(settings_.zoom, settings_.calibration_pairs, images);
-    const auto outcome =
-        calibrate_images(images, settings_.setup, [this](const std::string& what) { tell(what); });
-    bridge::write_file_atomically(out.string(),
-                                  registration::stereo_calibration_text(outcome.calibration));
-    fs::remove_all(images);
-    zoom_ = registration::calibration_at_zoom(outcome.calibration, settings_.zoom);
+    zoom_ = calibrate_rig(rig, settings_.zoom, settings_.calibration_pairs, settings_.setup,
+                          folder_, [this](const std::string& what) { tell(what); });
     result_.calibration_rms_px = zoom_->rms_px;
-  }
-
-  /// The depth under the keyframe, on the whole left image's own grid, as `reconstruct` delivers it
-  /// under the adaptive pattern.
-  cv::Mat1f reconstruct(Rig& rig, const fs::path& out) {
-    const fs::path pattern = out / "pattern.png";
-    write_png(pattern, registration::make_pattern({}));
-    PairRequest request = lit_by(Illumination::adaptive, pattern);
-    request.out = out / "pair";
-    request.zoom = settings_.zoom;
-    request.has_off = false;
-    const RigPair pair = rig.pair(request);
-    registration::ReconstructionOptions options;
-    options.threads = settings_.setup.threads;
-    registration::Reconstructor reconstructor(*zoom_, pair.shot.left.size(), options);
-    const registration::Reconstruction surface = reconstructor.reconstruct({&pair.shot, 1});
-    if (surface.status != registration::ReconstructionStatus::done)
-      throw RefusedError(fmt::format("reconstruction: {}: {}", registration::name(surface.status),
-                                     surface.evidence));
-    const registration::Rectification& geometry = reconstructor.rectification();
-    const cv::Mat1f whole =
-        registration::on_whole_grid(surface.depth_mm, surface.region_px, geometry.size_px,
-                                    std::numeric_limits<float>::quiet_NaN());
-    return depth_for_camera(whole, geometry, zoom_->camera_matrix_left);
   }
 
   void follow_scene(Rig& rig, const std::string& scene) {
     const fs::path out = folder_ / scene;
     make_folder(out);
     tell(scene + ": depth");
-    const cv::Mat1f depth_mm = reconstruct(rig, out);
+    const cv::Mat1f depth_mm = reconstruct_rig(rig, *zoom_, settings_.setup, out);
     for (const std::string& motion : settings_.motions) {
       const SequenceRequest request = wanted(out / motion, motion, settings_.rate_hz);
       tell(fmt::format("{}, {}: frames", scene, motion));
@@ -264,7 +177,7 @@ class TrackingStudy {
     row.stages = times_of(followed.estimates);
     const fs::path out = request.out.parent_path();
     TrackingQuestion question{request, out / (row.method + ".csv"), folder_ / "stereo.yaml",
-                              out / (row.method + "_errors.csv")};
+                              out / (row.method + "_errors.csv"), std::nullopt};
     bridge::write_file_atomically(question.poses.string(), poses_csv(followed.estimates));
     row.judged = rig.tracking_error(question);
     read_errors(question.rows, row);

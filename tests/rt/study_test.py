@@ -267,6 +267,33 @@ def tracking(folder):
     check(code == 1 and is_one_line(err) and "wobble" in err, f"a motion unknown: {err.strip()}")
 
 
+def disturbed(folder):
+    """The site moves by 5 mm and 5 degrees behind something held before it; the calibration is the
+    tracking study's."""
+    before = (folder / "stereo.yaml").stat().st_mtime_ns
+    small = ["study", "--tracking", "--disturbances", "--out", folder, "--scenes", "cavity_bone",
+             "--pairs", "12", "--only", "occlusion", "--rate", "10", "--json"]
+    code, out, err = run(*small)
+    check(code == 0 and err == "", f"the study of disturbances ends well, silently ({code}: {err.strip()})")
+    result = json.loads(out)
+    row = result["rows"][0]
+    check((folder / "stereo.yaml").stat().st_mtime_ns == before, "a calibration that stands there is used")
+    check(row["silently_wrong"] == 0 == result["silently_wrong"], f"no frame is silently wrong: {row}")
+    check(row["statuses"]["lost"] >= 5 and row["max_um"] < 50,
+          "nothing is told of what is covered, and what is told is near the truth")
+    check(row["frames_until_found"] == 0, "the first clear frame finds the site where it has moved to")
+    html = (folder / "disturbances.html").read_text()
+    check("<script" not in html and "Not for clinical use" in html and "occlusion" in html and
+          not re.search(r"\bnan\b|\binf\b", html), "the page runs nothing and shows it")
+    files = (folder / "disturbances.csv").read_bytes(), html
+    code, out, err = run(*small)
+    check(code == 0 and json.loads(out)["resumed"] == 1 and files ==
+          ((folder / "disturbances.csv").read_bytes(), (folder / "disturbances.html").read_text()),
+          "gone on with: nothing is made again, and it comes out the same")
+    code, out, err = run("study", "--tracking", "--disturbances", "--out", folder, "--only", "rain")
+    check(code == 2 and is_one_line(err) and "rain" in err, f"an unknown one: {err.strip()}")
+
+
 with tempfile.TemporaryDirectory() as base:
     here = pathlib.Path(base)
     command = f"{sys.executable} {pathlib.Path(__file__).resolve()} rig {here / 'cache'} {SIM}"
@@ -274,4 +301,5 @@ with tempfile.TemporaryDirectory() as base:
     setup(here / "setup", command)
     refined(here / "setup", here / "refined")
     tracking(here / "tracking")
+    disturbed(here / "tracking")
 sys.exit(1 if failures else 0)

@@ -127,6 +127,21 @@ class OutAndBack : public Segment {
   PoseOf pose_of_;
 };
 
+// To another pose, a while there, and back.
+class Away : public Segment {
+ public:
+  Away(double stay_s, std::function<SitePose(double share)> pose_of)
+      : Segment("away", stay_s + 2 * kWayS), pose_of_(std::move(pose_of)) {}
+  [[nodiscard]] SitePose at(double t_s) const override {
+    const double share = std::clamp(std::min(t_s, duration_s() - t_s) / kWayS, 0.0, 1.0);
+    return pose_of_(0.5 * (1 - std::cos(std::numbers::pi * share)));
+  }
+
+ private:
+  static constexpr double kWayS = 0.4;
+  std::function<SitePose(double)> pose_of_;
+};
+
 SitePose turned_about(const Eigen::Vector3d& axis, double angle_deg, double depth_mm) {
   const Eigen::Quaterniond q(
       Eigen::AngleAxisd(angle_deg * std::numbers::pi / 180, axis.normalized()));
@@ -172,9 +187,16 @@ std::unique_ptr<Segment> segment_of(std::string_view item, double scale, double 
     return std::make_unique<OutAndBack>("lift", scale * number(1), 2, [](double mm) {
       return SitePose{{0, 0, mm}, Eigen::Quaterniond::Identity()};
     });
-  throw InputError(fmt::format(
-      "motion: \"{}\" is not one of still, linear, spiral, bump, breathing, roll, tilt, lift",
-      name));
+  if (name == "away")
+    return std::make_unique<Away>(seconds(1), [scale, depth_mm](double share) {
+      SitePose pose = turned_about(Eigen::Vector3d::UnitZ(), scale * 5 * share, depth_mm);
+      pose.t_mm.x() += scale * 5 * share;
+      return pose;
+    });
+  throw InputError(
+      fmt::format("motion: \"{}\" is not one of still, linear, spiral, bump, breathing, roll, "
+                  "tilt, lift, away",
+                  name));
 }
 
 std::chrono::nanoseconds from_seconds(double seconds) {

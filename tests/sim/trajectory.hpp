@@ -48,7 +48,9 @@ class Trajectory {
   ///   roll:D         turns D degrees (default 5) about the optical axis and back, 5 deg/s at most
   ///   tilt:D         turns D degrees (default 2) about the camera's x axis and back
   ///   lift:A         moves A mm (default 1) away along the optical axis and back
-  /// roll and tilt turn about the point of the axis at `depth_mm`. `scale` multiplies every
+  ///   away:S        within .4 s 5 mm to the right and 5 degrees about the optical axis, S seconds
+  ///                 (default 1) there, and back within .4 s
+  /// roll, tilt and away turn about the point of the axis at `depth_mm`. `scale` multiplies every
   /// amplitude. `loop`: begins again at its end; otherwise the site stays at rest there.
   /// Throws InputError naming the segment.
   Trajectory(std::string_view program, double scale, bool loop, double depth_mm);

@@ -206,6 +206,10 @@ cv::Mat Renderer::image(const RoomShot& shot, Side side) {
                  (std::uint64_t{shot.seed} << 1U) | (side == Side::right ? 1U : 0U));
 }
 
+const cv::Mat_<float>& Renderer::depth_mm() const {
+  return impl_->buffers.depth;
+}
+
 Geometry Renderer::geometry(const RoomShot& shot, Side side) {
   impl_->trace(shot, side, Rays::all);
   Geometry geometry;

@@ -67,6 +67,8 @@ class Renderer {
   [[nodiscard]] cv::Mat image(const RoomShot& shot, Side side);
   /// Light at the sensor before noise and rounding, CV_32F, DN of 255; not clipped.
   [[nodiscard]] cv::Mat light(const RoomShot& shot, Side side);
+  /// Of the newest image() or light(), along the camera's axis; 0: nothing there. Until the next.
+  [[nodiscard]] const cv::Mat_<float>& depth_mm() const;
   [[nodiscard]] Geometry geometry(const RoomShot& shot, Side side);
   /// The first surface point that the pixel's line of sight meets (frame ct).
   [[nodiscard]] std::optional<Eigen::Vector3d> first_hit(

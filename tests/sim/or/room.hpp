@@ -47,6 +47,7 @@ struct RoomConfig {
   double calibration_or_light = 0.45;
 
   std::string motion = "spiral:0.2";
+  std::string disturbances;  ///< of a sequence (Disturbances); empty: none
   double motion_scale = 1;
   double frame_rate_hz = 30;
   int frames_max = 300;

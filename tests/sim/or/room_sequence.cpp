@@ -9,9 +9,11 @@
 
 #include "bridge/atomic_file.hpp"
 #include "rt/core/error.hpp"
+#include "tests/sim/or/disturbance.hpp"
 #include "tests/sim/or/ideal_calibration.hpp"
 #include "tests/sim/or/room_files.hpp"
 #include "tests/sim/or/room_output.hpp"
+#include "tests/sim/or/sensor_noise.hpp"
 #include "tests/sim/trajectory.hpp"
 
 namespace holdfast::sim {
@@ -62,6 +64,22 @@ cv::Mat coloured(const cv::Mat& grey) {
   return colour;
 }
 
+// As Renderer::image(), with what disturbs it at `t_s`.
+cv::Mat disturbed_image(Renderer& renderer, RoomShot shot, const Microscope& microscope,
+                        const Disturbances& disturbances, const Eigen::Isometry3d& T_ct_head_first,
+                        double t_s, std::uint32_t visit) {
+  if (disturbances.is_empty()) return renderer.image(shot, Side::left);
+  if (const auto zoom = disturbances.zoom(t_s)) shot.optics = microscope.at(*zoom, visit);
+  disturbances.set(shot, t_s);
+  cv::Mat_<float> light = renderer.light(shot, Side::left);
+  const Eigen::Isometry3d& T_head_camera = shot.optics.T_head_left;
+  disturbances.draw(
+      light,
+      {shot, renderer.depth_mm(), shot.T_ct_head * T_head_camera, T_ct_head_first * T_head_camera},
+      t_s);
+  return exposed(light, shot.sensor, std::uint64_t{shot.seed} << 1U);
+}
+
 Eigen::Isometry3d as_isometry(const SitePose& pose) {
   return Eigen::Translation3d(pose.t_mm) * pose.q;
 }
@@ -77,6 +95,7 @@ RoomFiles write_sequence(const RoomConfig& config, RoomScene& scene, const fs::p
                          const Progress& progress) {
   const Microscope microscope(config.optics);
   const Trajectory trajectory(config.motion, config.motion_scale, false, microscope.focus_mm());
+  const Disturbances disturbances(config.disturbances);
   const double seconds = std::chrono::duration<double>(trajectory.duration()).count();
   const auto frames = static_cast<std::size_t>(
       std::clamp(seconds * config.frame_rate_hz + 1, 1.0, static_cast<double>(config.frames_max)));
@@ -110,7 +129,9 @@ RoomFiles write_sequence(const RoomConfig& config, RoomScene& scene, const fs::p
     if (is_there) continue;
     shot.T_ct_head = (T_camera_site * T_site_ct).inverse() * ideal.T_camera_head;
     shot.seed = config.seed * 1'000'003U + 500'000U + static_cast<std::uint32_t>(i);
-    const cv::Mat image = scene.renderer.image(shot, Side::left);
+    const cv::Mat image = disturbed_image(scene.renderer, shot, microscope, disturbances,
+                                          T_site_ct.inverse() * ideal.T_camera_head,
+                                          std::chrono::duration<double>(t).count(), config.visit);
     write_image(frame_path(out, i), config.is_colour ? coloured(image) : image);
     ++files.files;
     progress(static_cast<int>(i) + 1, static_cast<int>(frames));

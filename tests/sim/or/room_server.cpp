@@ -2,7 +2,9 @@
 #include "tests/sim/or/room_server.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -118,6 +120,7 @@ void set_motion(const json& request, RoomConfig& config) {
   if (!(config.frame_rate_hz >= 1 && config.frame_rate_hz <= kRateMax))
     throw InputError(
         fmt::format("request {}: 'rate_hz' must be 1 to {}", request.dump(), kRateMax));
+  config.disturbances = member<std::string>(request, "disturbances", "");
   config.frames_max = member<int>(request, "frames_max", kFramesMax);
   config.text += request.dump();  // what the frames depend on
 }
@@ -150,8 +153,13 @@ SequenceTruth truth_of(const json& request, const RoomConfig& config) {
 
 json tracking_error_of(const json& request, const RoomConfig& config) {
   const SequenceTruth truth = truth_of(request, config);
+  std::optional<Eigen::Vector3d> p_site_mm;
+  if (request.contains("point_site_mm")) {
+    const auto p = member<std::array<double, 3>>(request, "point_site_mm");
+    p_site_mm = Eigen::Vector3d(p[0], p[1], p[2]);
+  }
   const TrackingError e = tracking_error(member<std::string>(request, "poses"), truth.motion,
-                                         truth.T_camera_ideal, truth.depth_mm);
+                                         truth.T_camera_ideal, truth.depth_mm, p_site_mm);
   bridge::write_file_atomically(member<std::string>(request, "rows"), e.rows);
   return {{"frames", e.frames},
           {"lost", e.lost},

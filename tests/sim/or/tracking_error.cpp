@@ -74,14 +74,15 @@ class Rows {
 }  // namespace
 
 TrackingError tracking_error(const std::filesystem::path& poses, const Trajectory& truth,
-                             const Isometry3d& T_camera_ideal, double depth_mm) {
+                             const Isometry3d& T_camera_ideal, double depth_mm,
+                             const std::optional<Vector3d>& p_site_mm) {
   const Rows rows(poses);
   if (rows.size() < 2) throw InputError(poses.string() + ": has no frame after the keyframe");
-  const Vector3d p_site = T_camera_ideal * Vector3d(0, 0, depth_mm);
+  const Vector3d p_site = p_site_mm.value_or(T_camera_ideal * Vector3d(0, 0, depth_mm));
   TrackingError result;
   result.rows =
       "frame,t_ns,status,x_um,y_um,error_x_um,error_y_um,step_error_x_um,step_error_y_um,"
-      "depth_error_um,rotation_error_mrad\n";
+      "depth_error_um,rotation_error_mrad,rotation_x_mrad,rotation_y_mrad,rotation_z_mrad\n";
   std::vector<double> steps, absolutes, depths, rotations;
   std::optional<Vector3d> before_um = Vector3d::Zero();
   for (std::size_t i = 1; i < rows.size(); ++i) {
@@ -99,8 +100,9 @@ TrackingError tracking_error(const std::filesystem::path& poses, const Trajector
     const Vector3d moved_um = 1000 * (T_true * p_site - p_site);
     const Vector3d error_um = 1000 * (*T * p_site - T_true * p_site);
     const double absolute_um = error_um.head<2>().norm();
-    const double rotation_mrad =
-        1000 * Eigen::AngleAxisd(T->linear() * T_true.linear().transpose()).angle();
+    const Eigen::AngleAxisd turn(T->linear() * T_true.linear().transpose());
+    const double rotation_mrad = 1000 * turn.angle();
+    const Vector3d turn_mrad = rotation_mrad * turn.axis();
     absolutes.push_back(absolute_um);
     depths.push_back(error_um.z());
     rotations.push_back(rotation_mrad);
@@ -113,9 +115,10 @@ TrackingError tracking_error(const std::filesystem::path& poses, const Trajector
     before_um = error_um;
     const bool is_trusted = rows.status(i) != "degraded";
     if (is_trusted && absolute_um > kSilentlyWrongUm) ++result.silently_wrong;
-    result.rows += fmt::format("{},{},{},{:.3f},{:.3f},{:.3f},{:.3f},{},{:.3f},{:.5f}\n", i,
-                               rows.t(i).count(), rows.status(i), moved_um.x(), moved_um.y(),
-                               error_um.x(), error_um.y(), step, error_um.z(), rotation_mrad);
+    result.rows += fmt::format(
+        "{},{},{},{:.3f},{:.3f},{:.3f},{:.3f},{},{:.3f},{:.5f},{:.5f},{:.5f},{:.5f}\n", i,
+        rows.t(i).count(), rows.status(i), moved_um.x(), moved_um.y(), error_um.x(), error_um.y(),
+        step, error_um.z(), rotation_mrad, turn_mrad.x(), turn_mrad.y(), turn_mrad.z());
   }
   result.step_mean_um = mean(steps);
   result.step_sd_um = deviation(steps);
