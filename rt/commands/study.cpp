@@ -38,7 +38,7 @@ constexpr const char* kExample =
     "  holdfast study --tracking --out look/ --scenes cavity_bone --motions spiral:0.2\n"
     "and where the beam of a robot lands that follows, compensated and not\n"
     "  holdfast study --tracking --out beam/ --scenes cavity_bone --motions spiral:0.2 --beam\n"
-    "What the tracker says under shocks, blood, smoke and the like, about eight minutes; one of "
+    "What the tracker says under shocks, blood, smoke and the like (disturbances.html); one of "
     "them\n"
     "  holdfast study --tracking --disturbances --out disturbed/\n"
     "  holdfast study --tracking --disturbances --out disturbed/ --only smoke\n"

@@ -43,7 +43,7 @@ class DisturbancesTest : public ::testing::Test {
     return light;
   }
   RoomShot shot;
-  cv::Mat_<float> depth_mm{kHeightPx, kWidthPx, 200.F};
+  cv::Mat_<float> depth_mm = cv::Mat_<float>(kHeightPx, kWidthPx, 200.F);
 };
 
 TEST_F(DisturbancesTest, RefusesWhatItDoesNotKnow) {
