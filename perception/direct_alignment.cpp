@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <bitset>
 #include <cmath>
+#include <limits>
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -27,6 +28,10 @@ constexpr int kPatchFreedoms = kPatchCount - 3;  // mean, contrast, and a little
 constexpr int kPatchesMin = 8;
 constexpr double kZnccMinRough = 0.2;  // on a smaller level's first step
 constexpr double kNoise2Start = 8;     // grey levels^2
+/// Of the noise of both images, what is left between them: the one is interpolated, which takes
+/// noise of high frequency, that which does no harm.
+constexpr double kNoiseLeft = 0.83;
+constexpr double kTextureShareMin = 0.1;  // of what a patch tells
 
 /// A sighting with its say in the normal equations.
 struct Row : PatchSighting {
@@ -105,7 +110,9 @@ struct DirectAligner::Impl {
                Eigen::Isometry3d& T);
   AlignmentQuality quality(int visible);
   double middle_of_inliers(float Row::*value);
-  Matrix6d covariance() const;
+  double sharpness(const TemplateLevel& coarse, const cv::Mat& image, int level,
+                   const Eigen::Isometry3d& T);
+  Matrix6d covariance();
   static Matrix6d sloping(const std::array<Vector6d, kCells>& by_cell);
 };
 
@@ -222,6 +229,27 @@ double DirectAligner::Impl::middle_of_inliers(float Row::*value) {
   return scratch.empty() ? 1 : median_of_scratch();
 }
 
+/// Of the rows at full size against `coarse`, patches of a smaller level seen at the same pose.
+double DirectAligner::Impl::sharpness(const TemplateLevel& coarse, const cv::Mat& image, int level,
+                                      const Eigen::Isometry3d& T) {
+  const auto explained = [](const PatchSighting& s) {
+    return s.zncc * static_cast<double>(s.contrast);
+  };
+  PatchSighting seen;
+  scratch.clear();
+  for (std::size_t k = 0; k < coarse.size(); ++k)
+    if (observer.look(coarse.pixels[k], coarse.geometry[k], image, level, T,
+                      Interpolation::bilinear, seen) &&
+        seen.zncc > parameters.zncc_min)
+      scratch.push_back(explained(seen));
+  if (scratch.size() < static_cast<std::size_t>(kPatchesMin)) return 1;
+  const double coarse_explained = median_of_scratch();
+  scratch.clear();
+  for (const Row& row : rows)
+    if (row.robust > 0) scratch.push_back(explained(row));
+  return scratch.empty() ? 1 : median_of_scratch() / std::max(coarse_explained, 1e-3);
+}
+
 AlignmentQuality DirectAligner::Impl::quality(int visible) {
   AlignmentQuality q;
   q.visible = visible;
@@ -245,8 +273,9 @@ AlignmentQuality DirectAligner::Impl::quality(int visible) {
     if (row.robust > 0)
       scratch.push_back(static_cast<double>(row.geometry->squares) * (1 - row.zncc * row.zncc) /
                         kPatchFreedoms);
-  noise2 = std::clamp(median_of_scratch(), 0.1, 400.0);
-  q.noise = std::sqrt(noise2);
+  const double left2 = std::clamp(median_of_scratch(), 0.1, 400.0);
+  q.noise = std::sqrt(left2);
+  noise2 = left2 / kNoiseLeft;
   return q;
 }
 
@@ -266,16 +295,27 @@ Matrix6d DirectAligner::Impl::sloping(const std::array<Vector6d, kCells>& by_cel
 
 /// H^-1 (sum over the error's causes of what each does to the gradient) H^-1: noise and the shared
 /// error patch by patch, the depth in common within a cell and over the image, interpolation in
-/// common over the image.
-Matrix6d DirectAligner::Impl::covariance() const {
+/// common within a cell and over the image. H is what texture tells: noise has gradients as well,
+/// but they do not move with the site.
+Matrix6d DirectAligner::Impl::covariance() {
+  constexpr double kGradientNoise = 0.25 * kPatchFreedoms;  // of central differences, in one image
   const double shared2 = parameters.shared_error_px * parameters.shared_error_px;
   Matrix6d spread = Matrix6d::Zero();
   std::array<Vector6d, kCells> by_cell;
   by_cell.fill(Vector6d::Zero());
   Vector6d by_depth = Vector6d::Zero();
   Eigen::Matrix<double, 6, 2> common = Eigen::Matrix<double, 6, 2>::Zero();
+  std::array<Eigen::Matrix<double, 6, 2>, kCells> common_by_cell;
+  common_by_cell.fill(common);
+  Matrix6d told = Matrix6d::Zero();
   for (const Row& row : rows) {
     if (!(row.robust > 0)) continue;
+    const double by_noise =
+        0.5 * kGradientNoise * noise2 * row.geometry->unit_covariance_px2.trace();
+    const double weight = row.robust * std::clamp(1 - by_noise, kTextureShareMin, 1.0);
+    std::size_t k = 0;
+    for (int j = 0; j < 6; ++j)
+      for (int i = 0; i <= j; ++i) told(i, j) += weight * row.hessian[k++];
     const Eigen::Matrix<double, 6, 2> JW = row.jacobian.transpose() * (row.robust * row.weight);
     Eigen::Matrix2d C = noise2 * row.geometry->unit_covariance_px2;
     C.diagonal().array() += shared2;
@@ -283,11 +323,16 @@ Matrix6d DirectAligner::Impl::covariance() const {
     const Vector6d depth = JW * row.by_depth;
     by_cell[static_cast<std::size_t>(row.cell)] += depth;
     by_depth += depth;
-    common.noalias() += parameters.common_error_px * JW * row.to_patch;
+    const Eigen::Matrix<double, 6, 2> as_one = JW * row.to_patch;
+    common += parameters.common_error_px * as_one;
+    common_by_cell[static_cast<std::size_t>(row.cell)] += uncertainty.shared_error_px * as_one;
   }
+  for (const auto& cell : common_by_cell) spread.noalias() += cell * cell.transpose();
   for (const Vector6d& cell : by_cell) spread.noalias() += 0.5 * cell * cell.transpose();
   spread.noalias() += 0.5 * by_depth * by_depth.transpose() + common * common.transpose();
   if (freedom == Freedom::planar) spread += sloping(by_cell);
+  if (!invert(told.selfadjointView<Eigen::Upper>()))
+    return Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
   Matrix6d out = inverse * spread * inverse;
   if (freedom == Freedom::planar)
     out.diagonal().segment<2>(3).array() += uncertainty.tilt_sigma_rad * uncertainty.tilt_sigma_rad;
@@ -327,7 +372,10 @@ Alignment DirectAligner::align(const DirectTemplate& patches, const Pyramid& ima
       !s.descend(patches[0], image.levels[0], 0, Interpolation::bicubic, 3, kExactPx, T))
     return out;
   out.T_camera_site = T;
+  constexpr std::size_t kCoarse = kPyramidLevels - 1;
   out.quality = s.quality(static_cast<int>(s.rows.size()));
+  out.quality.sharpness =
+      s.sharpness(patches[kCoarse], image.levels[kCoarse], static_cast<int>(kCoarse), T);
   out.covariance = s.covariance();
   out.is_solved = out.covariance.allFinite();
   return out;

@@ -139,6 +139,10 @@ bool DirectTracker::Impl::accept(const Alignment& a, MotionEstimate& out) {
     degrade(TrackingReason::inconsistent_motion);
   else if (a.quality.spread < parameters.health.spread_good)
     degrade(TrackingReason::inliers_bunched);
+  // Blur moves the edges of what is curved: all patches may then agree on a wrong pose.
+  const double sharpness = std::max(a.quality.sharpness, 1e-3);
+  if (std::max(sharpness, 1 / sharpness) > parameters.direct.sharpness_ratio_good)
+    degrade(TrackingReason::out_of_focus);
   // The strongest texture may be fixed to the microscope: the weak one must have moved with it.
   constexpr int kWitnessesMin = 12;
   const Testimony testimony = key->aligner.ask(key->witnesses, pyramid, a.T_camera_site);

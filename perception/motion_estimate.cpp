@@ -51,6 +51,8 @@ std::string_view name(TrackingReason reason) noexcept {
       return "fixed_pattern";
     case TrackingReason::tie_doubtful:
       return "tie_doubtful";
+    case TrackingReason::out_of_focus:
+      return "out_of_focus";
     case TrackingReason::unchecked:
       return "unchecked";
   }

@@ -34,7 +34,8 @@ enum class TrackingReason : std::uint8_t {
   check_disagreement,   ///< features, checked independently, see another motion
   unchecked,            ///< features have found no motion for too long
   fixed_pattern,        ///< the image has changed all over, yet what is found has not moved
-  tie_doubtful          ///< the tie between the keyframe in use and the first cannot be relied on
+  tie_doubtful,         ///< the tie between the keyframe in use and the first cannot be relied on
+  out_of_focus          ///< the image is blurred against the keyframe, or the other way round
 };
 [[nodiscard]] std::string_view name(TrackingReason reason) noexcept;
 

@@ -64,6 +64,7 @@ std::optional<std::string> invalid_parameter(const TrackerParameters& p) {
       {"direct.share_min", p.direct.share_min, 0.05, 1, "of the visible patches"},
       {"direct.share_good", p.direct.share_good, 0.05, 1, "of the visible patches"},
       {"direct.witnesses", double(p.direct.witnesses), 1, 20000, "patches"},
+      {"direct.sharpness_ratio_good", p.direct.sharpness_ratio_good, 1.01, 3, "of 1"},
       {"direct.witness_share_good", p.direct.witness_share_good, 0.05, 1, "of the witnesses"},
       {"direct.chain_patches", double(p.direct.chain_patches), 16, 2000, "patches"},
       {"check.every_frames", double(p.check.every_frames), 0, 1e6, "frames"},

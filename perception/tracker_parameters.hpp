@@ -81,12 +81,16 @@ struct DirectParameters {
                           ///< grey levels^2/px^2; three times what a noise of 2 levels looks like
   double zncc_min = 0.5;  ///< a patch less like its template has no say
   double recall_zncc = 0.5;  ///< below this mean at the predicted pose the motion is looked for
-  double shared_error_px = 0.01;    ///< of each patch, beyond noise: interpolation, shading
-  double common_error_px = 0.005;   ///< likewise, common to all patches
-  int inliers_min = 30;             ///< below: lost
-  int inliers_good = 60;            ///< below: degraded
-  double share_min = 0.25;          ///< inliers of the visible patches; below: lost
-  double share_good = 0.5;          ///< below: degraded
+  double shared_error_px = 0.01;   ///< of each patch, beyond noise: interpolation, shading
+  double common_error_px = 0.005;  ///< likewise, common to all patches
+  int inliers_min = 30;            ///< below: lost
+  int inliers_good = 60;           ///< below: degraded
+  double share_min = 0.25;         ///< inliers of the visible patches; below: lost
+  double share_good = 0.5;         ///< below: degraded
+  double sharpness_ratio_good =
+      1.15;  ///< of the image's fine detail to the keyframe's, coarse detail being equal, or the
+             ///< inverse; above: degraded. Smoke and light stay below 1.09; a blur that costs a
+             ///< tenth of a millimetre in depth is at 1.3
   int witnesses = 160;              ///< patches that are only asked whether they agree
   double witness_share_good = 0.5;  ///< of them that agree; below: degraded
   int chain_patches = 80;           ///< followed from frame to frame

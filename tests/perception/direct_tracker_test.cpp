@@ -86,6 +86,97 @@ INSTANTIATE_TEST_SUITE_P(Scenes, DirectTrackerTruth,
                            return std::string(param_info.param.label);
                          });
 
+/// One sequence shares its keyframe's noise in every frame; here each frame has a keyframe of its
+/// own. Texture is weak against this noise, and its own gradients are then partly noise.
+TEST(DirectTracker, CovarianceHoldsOverManyKeyframes) {
+  const CameraModel camera = test::microscope_camera(512, 384);
+  const test::MovingScene scene(camera, test::photograph(), kDepthMm);
+  const SiteDepth depth{scene.depth_mm()};
+  const auto noisy = [](const cv::Mat& clean, std::uint64_t seed) {
+    cv::Mat noise(clean.size(), CV_32F), image;
+    cv::RNG(seed).fill(noise, cv::RNG::NORMAL, 0, 3);
+    cv::add(clean, noise, image, cv::noArray(), CV_8U);
+    return image;
+  };
+  const cv::Mat keyframe = scene.image(kStill, 0);
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal;
+  constexpr int kPoses = 4, kEach = 5;
+  double chi2 = 0;
+  Eigen::Isometry3d T = kStill;
+  cv::Mat moved;
+  for (int k = 0; k < kPoses * kEach; ++k) {
+    if (k % kEach == 0) {
+      const auto vector = [&](double x, double y, double z) -> Eigen::Vector3d {
+        return {x * normal(random), y * normal(random), z * normal(random)};
+      };
+      T = test::moved_about(scene.p_pivot_mm(), vector(0.3, 0.3, 0.1), vector(0.002, 0.002, 0.004));
+      moved = scene.image(T, 0);
+    }
+    DirectTracker tracker(camera, TrackerParameters{});
+    const auto seed = static_cast<std::uint64_t>(2 * k + 1);
+    ASSERT_EQ(tracker.set_keyframe(noisy(keyframe, seed), depth), TrackingReason::none);
+    const auto e = tracker.track(noisy(moved, seed + 1), std::chrono::milliseconds(33));
+    ASSERT_EQ(e.status, TrackingStatus::tracking) << k << ' ' << name(e.reason);
+    const Vector6d error = error_of(e, T);
+    chi2 += error.dot(e.covariance.ldlt().solve(error));
+  }
+  const double nees = chi2 / (kPoses * kEach);
+  RecordProperty("nees", std::to_string(nees));
+  EXPECT_LT(nees, 6 * 1.35);
+  EXPECT_GT(nees, 1);
+}
+
+class Focus : public ::testing::Test {
+ protected:
+  [[nodiscard]] MotionEstimate tracked(const cv::Mat& keyframe, const cv::Mat& image) const {
+    DirectTracker tracker(camera_, TrackerParameters{});
+    EXPECT_EQ(tracker.set_keyframe(keyframe, SiteDepth{scene_.depth_mm()}), TrackingReason::none);
+    return tracker.track(image, std::chrono::milliseconds(33));
+  }
+  [[nodiscard]] static cv::Mat blurred(const cv::Mat& image, double sigma_px) {
+    cv::Mat out;
+    cv::GaussianBlur(image, out, {}, sigma_px);
+    return out;
+  }
+
+  const CameraModel camera_ = test::microscope_camera(kWidthPx, kHeightPx);
+  const test::MovingScene scene_{camera_, test::photograph(), kDepthMm};
+  const Eigen::Isometry3d T_ =
+      test::moved_about(scene_.p_pivot_mm(), {0.3, -0.2, 0.4}, {0, 0, 0.004});
+  const cv::Mat keyframe_ = scene_.image(kStill, 1), image_ = scene_.image(T_, 2);
+};
+
+/// Patches of a blurred image agree with each other, on a pose that is wrong in depth and tilt.
+TEST_F(Focus, ABlurredImageIsNotFollowedAsIfItWereSharp) {
+  RecordProperty("requirement", "SR-145");
+  ASSERT_EQ(tracked(keyframe_, image_).status, TrackingStatus::tracking);
+  for (const double sigma_px : {1.5, 2.5, 4.0}) {
+    const MotionEstimate e = tracked(keyframe_, blurred(image_, sigma_px));
+    EXPECT_NE(e.status, TrackingStatus::tracking) << sigma_px;
+    if (e.status == TrackingStatus::degraded) {
+      EXPECT_EQ(e.reason, TrackingReason::out_of_focus) << sigma_px << ' ' << name(e.reason);
+    }
+  }
+}
+
+TEST_F(Focus, AKeyframeOutOfFocusServesNoSharpImage) {
+  RecordProperty("requirement", "SR-145");
+  EXPECT_NE(tracked(blurred(keyframe_, 2.5), image_).status, TrackingStatus::tracking);
+  EXPECT_EQ(tracked(blurred(keyframe_, 2.5), blurred(image_, 2.5)).status,
+            TrackingStatus::tracking);
+}
+
+/// They take contrast from fine and coarse detail alike.
+TEST_F(Focus, SmokeAndLightAreNoBlur) {
+  for (const double contrast : {0.3, 0.6, 1.4}) {
+    cv::Mat image;
+    image_.convertTo(image, CV_8U, contrast, 110 * (1 - contrast));
+    const MotionEstimate e = tracked(keyframe_, image);
+    EXPECT_EQ(e.status, TrackingStatus::tracking) << contrast << ' ' << name(e.reason);
+  }
+}
+
 /// Relief that is not modelled: 1 mm rms over a plane, as UncertaintyParameters says, smooth, as
 /// tissue is.
 TEST(DirectTracker, APlaneKnowsThatItsReliefIsUnknown) {
