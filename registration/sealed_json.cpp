@@ -52,7 +52,7 @@ json parse_json(std::string_view text) {
   try {
     return json::parse(text, bounded, false);
   } catch (const TooDeep&) {
-    return {json::value_t::discarded};
+    return json(json::value_t::discarded);  // braces would make it an array
   }
 }
 

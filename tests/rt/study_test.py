@@ -169,6 +169,9 @@ def setup(folder, rig_command):
     code, out, err = run(*daemon, program=HOLDFASTD)
     check(code == 2 and "depth" in err, f"... and not with another depth ({err.strip()})")
 
+
+def refused_setups(folder, rig_command):
+    """In the folder of one that went well: nothing of it may be left to be taken for theirs."""
     code, out, err = run("demo", "--setup", "--out", folder, "--rig", "/bin/false")
     check(code == 3 and is_one_line(err), f"a rig that ends: {err.strip()}")
     check(not (folder / "registration.json").exists(), "... leaves no registration from before")
@@ -300,6 +303,7 @@ with tempfile.TemporaryDirectory() as base:
     study(here / "study", command)
     setup(here / "setup", command)
     refined(here / "setup", here / "refined")
+    refused_setups(here / "setup", command)
     tracking(here / "tracking")
     disturbed(here / "tracking")
 sys.exit(1 if failures else 0)
