@@ -73,7 +73,7 @@ std::vector<Bytes> hand_eye_seeds() {
   return {bytes_of_text(sealed_hand_eye(calibration))};
 }
 
-const registration::PatternTableHead kTableHead;
+constexpr registration::PatternTableHead kTableHead{};
 
 std::vector<Bytes> pattern_table_seeds() {
   registration::PatternEvaluation evaluation;
