@@ -2,45 +2,28 @@
 #include "perception/direct_alignment.hpp"
 
 #include <algorithm>
-#include <bitset>
 #include <cmath>
-#include <limits>
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
+#include "perception/alignment_evidence.hpp"
 #include "perception/patch_sighting.hpp"
 
 namespace holdfast::perception {
 namespace {
 
+using Row = AlignmentRow;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 using Matrix26d = Eigen::Matrix<double, 2, 6>;
 
-constexpr auto kCells =
-    static_cast<std::size_t>(kSightingCells) * static_cast<std::size_t>(kSightingCells);
 constexpr double kCut2 = 25;            // Tukey's cut, squared, in units of the scale
 constexpr double kMedianOfTwo = 1.386;  // median of chi^2 with two degrees of freedom
 constexpr double kScale2Min = 0.3;
 constexpr double kReachPx = 5;     // a gradient says nothing of a displacement beyond this
 constexpr double kZnccRamp = 0.2;  // from no say to full say
-constexpr int kPatchFreedoms = kPatchCount - 3;  // mean, contrast, and a little motion
 constexpr int kPatchesMin = 8;
 constexpr double kZnccMinRough = 0.2;  // on a smaller level's first step
 constexpr double kNoise2Start = 8;     // grey levels^2
-/// Of the noise of both images, what is left between them: the one is interpolated, which takes
-/// noise of high frequency, that which does no harm.
-constexpr double kNoiseLeft = 0.83;
-constexpr double kTextureShareMin = 0.1;  // of what a patch tells
-
-/// A sighting with its say in the normal equations.
-struct Row : PatchSighting {
-  Eigen::Matrix2d weight;          // inverse covariance of the displacement
-  Eigen::Vector2d residual;        // displacement left after the step
-  Vector6d gradient;               // -J^T W d
-  std::array<double, 21> hessian;  // J^T W J, upper triangle by columns
-  double trust, robust;
-};
 
 /// Exp(r)(T p - T pivot) + T pivot + t: the parametrisation of MotionEstimate::covariance.
 Eigen::Isometry3d moved(const Eigen::Isometry3d& T, const Eigen::Vector3d& pivot_site,
@@ -65,11 +48,6 @@ void prepare(Row& row) {
     for (int i = 0; i <= j; ++i) row.hessian[k++] = row.jacobian.col(i).dot(WJ.col(j));
 }
 
-void fix_tilt(Matrix6d& H) {
-  H.middleRows<2>(3).setZero();
-  H.middleCols<2>(3).setZero();
-}
-
 }  // namespace
 
 struct DirectAligner::Impl {
@@ -83,7 +61,7 @@ struct DirectAligner::Impl {
   double noise2 = kNoise2Start;  // follows the images
   std::vector<Row> rows;
   std::vector<double> scratch;
-  Matrix6d hessian, inverse;
+  Matrix6d hessian;
 
   Impl(const CameraModel& camera, const TrackerParameters& p, Freedom f,
        const Eigen::Vector3d& pivot)
@@ -101,19 +79,13 @@ struct DirectAligner::Impl {
   void linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
                  const Eigen::Isometry3d& T, Interpolation interpolation, double zncc_min);
   bool solve(Vector6d& step);
-  [[nodiscard]] bool invert(const Matrix6d& H);
   double scale2();
-  double median_of_scratch();
   [[nodiscard]] double step_px(const Vector6d& step) const;
   bool descend(const TemplateLevel& patches, const cv::Mat& image, int level,
                Interpolation interpolation, int iterations, double settled_px,
                Eigen::Isometry3d& T);
-  AlignmentQuality quality(int visible);
-  double middle_of_inliers(float Row::*value);
   double sharpness(const TemplateLevel& coarse, const cv::Mat& image, int level,
                    const Eigen::Isometry3d& T);
-  Matrix6d covariance();
-  static Matrix6d sloping(const std::array<Vector6d, kCells>& by_cell);
 };
 
 void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat& image, int level,
@@ -138,34 +110,13 @@ void DirectAligner::Impl::linearise(const TemplateLevel& patches, const cv::Mat&
   }
 }
 
-/// Of at least one value; reorders them.
-double DirectAligner::Impl::median_of_scratch() {
-  const auto middle = scratch.begin() + static_cast<std::ptrdiff_t>(scratch.size() / 2);
-  std::nth_element(scratch.begin(), middle, scratch.end());
-  return *middle;
-}
-
 /// Square of the robust scale of the residuals, in units of what was expected.
 double DirectAligner::Impl::scale2() {
   scratch.clear();
   for (const Row& row : rows)
     if (row.trust > 0) scratch.push_back(row.residual.dot(row.weight * row.residual));
   if (scratch.size() < static_cast<std::size_t>(kPatchesMin)) return kScale2Min;
-  return std::max(median_of_scratch() / kMedianOfTwo, kScale2Min);
-}
-
-bool DirectAligner::Impl::invert(const Matrix6d& H) {
-  const Vector6d scale = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  Matrix6d S = scale.asDiagonal() * H * scale.asDiagonal();
-  if (freedom == Freedom::planar) {
-    fix_tilt(S);
-    S(3, 3) = S(4, 4) = 1;
-  }
-  const Eigen::LDLT<Matrix6d> ldlt(S);
-  if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff() > 1e-9)) return false;
-  inverse = scale.asDiagonal() * ldlt.solve(Matrix6d::Identity()) * scale.asDiagonal();
-  if (freedom == Freedom::planar) fix_tilt(inverse);
-  return inverse.allFinite();
+  return std::max(median(scratch) / kMedianOfTwo, kScale2Min);
 }
 
 /// The step that the displacements of all rows agree on best. Reweights without looking at the
@@ -185,8 +136,9 @@ bool DirectAligner::Impl::solve(Vector6d& step) {
     std::size_t k = 0;
     for (int j = 0; j < 6; ++j)
       for (int i = 0; i <= j; ++i) hessian(i, j) = hessian(j, i) = sums[k++];
-    if (inliers < kPatchesMin || !invert(hessian)) return false;
-    step = inverse * gradient;
+    const auto inverse = inverse_of(hessian, freedom);
+    if (inliers < kPatchesMin || !inverse) return false;
+    step = *inverse * gradient;
     if (!step.allFinite()) return false;
     for (Row& row : rows) row.residual = row.displacement + row.jacobian * step;
     const double cut2 = kCut2 * scale2();
@@ -222,13 +174,6 @@ bool DirectAligner::Impl::descend(const TemplateLevel& patches, const cv::Mat& i
   return true;
 }
 
-double DirectAligner::Impl::middle_of_inliers(float Row::*value) {
-  scratch.clear();
-  for (const Row& row : rows)
-    if (row.robust > 0) scratch.push_back(static_cast<double>(row.*value));
-  return scratch.empty() ? 1 : median_of_scratch();
-}
-
 /// Of the rows at full size against `coarse`, patches of a smaller level seen at the same pose.
 double DirectAligner::Impl::sharpness(const TemplateLevel& coarse, const cv::Mat& image, int level,
                                       const Eigen::Isometry3d& T) {
@@ -243,100 +188,11 @@ double DirectAligner::Impl::sharpness(const TemplateLevel& coarse, const cv::Mat
         seen.zncc > parameters.zncc_min)
       scratch.push_back(explained(seen));
   if (scratch.size() < static_cast<std::size_t>(kPatchesMin)) return 1;
-  const double coarse_explained = median_of_scratch();
+  const double coarse_explained = median(scratch);
   scratch.clear();
   for (const Row& row : rows)
     if (row.robust > 0) scratch.push_back(explained(row));
-  return scratch.empty() ? 1 : median_of_scratch() / std::max(coarse_explained, 1e-3);
-}
-
-AlignmentQuality DirectAligner::Impl::quality(int visible) {
-  AlignmentQuality q;
-  q.visible = visible;
-  std::bitset<kCells> cells;
-  double squares = 0;
-  for (const Row& row : rows) {
-    if (!(row.robust > 0)) continue;
-    ++q.inliers;
-    q.zncc += row.zncc;
-    squares += row.residual.squaredNorm();
-    cells.set(static_cast<std::size_t>(row.cell));
-  }
-  if (q.inliers == 0) return q;
-  q.zncc /= q.inliers;
-  q.residual_px = std::sqrt(squares / q.inliers);
-  q.spread = static_cast<double>(cells.count()) / kCells;
-  q.brightness = middle_of_inliers(&Row::brightness);
-  q.contrast = middle_of_inliers(&Row::contrast);
-  scratch.clear();
-  for (const Row& row : rows)
-    if (row.robust > 0)
-      scratch.push_back(static_cast<double>(row.geometry->squares) * (1 - row.zncc * row.zncc) /
-                        kPatchFreedoms);
-  const double left2 = std::clamp(median_of_scratch(), 0.1, 400.0);
-  q.noise = std::sqrt(left2);
-  noise2 = left2 / kNoiseLeft;
-  return q;
-}
-
-/// Relief is smooth: it also slopes across the image, in both directions, and what slopes turns and
-/// scales the picture as the site moves.
-Matrix6d DirectAligner::Impl::sloping(const std::array<Vector6d, kCells>& by_cell) {
-  constexpr double kMiddle = 0.5 * (kSightingCells - 1);
-  const double rms = std::sqrt((kSightingCells * kSightingCells - 1) / 12.0);  // of a coordinate
-  Eigen::Matrix<double, 6, 2> slopes = Eigen::Matrix<double, 6, 2>::Zero();
-  for (std::size_t k = 0; k < kCells; ++k) {
-    const std::size_t column = k % kSightingCells, row = k / kSightingCells;
-    slopes.col(0) += (static_cast<double>(column) - kMiddle) / rms * by_cell[k];
-    slopes.col(1) += (static_cast<double>(row) - kMiddle) / rms * by_cell[k];
-  }
-  return slopes * slopes.transpose();
-}
-
-/// H^-1 (sum over the error's causes of what each does to the gradient) H^-1: noise and the shared
-/// error patch by patch, the depth in common within a cell and over the image, interpolation in
-/// common within a cell and over the image. H is what texture tells: noise has gradients as well,
-/// but they do not move with the site.
-Matrix6d DirectAligner::Impl::covariance() {
-  constexpr double kGradientNoise = 0.25 * kPatchFreedoms;  // of central differences, in one image
-  const double shared2 = parameters.shared_error_px * parameters.shared_error_px;
-  Matrix6d spread = Matrix6d::Zero();
-  std::array<Vector6d, kCells> by_cell;
-  by_cell.fill(Vector6d::Zero());
-  Vector6d by_depth = Vector6d::Zero();
-  Eigen::Matrix<double, 6, 2> common = Eigen::Matrix<double, 6, 2>::Zero();
-  std::array<Eigen::Matrix<double, 6, 2>, kCells> common_by_cell;
-  common_by_cell.fill(common);
-  Matrix6d told = Matrix6d::Zero();
-  for (const Row& row : rows) {
-    if (!(row.robust > 0)) continue;
-    const double by_noise =
-        0.5 * kGradientNoise * noise2 * row.geometry->unit_covariance_px2.trace();
-    const double weight = row.robust * std::clamp(1 - by_noise, kTextureShareMin, 1.0);
-    std::size_t k = 0;
-    for (int j = 0; j < 6; ++j)
-      for (int i = 0; i <= j; ++i) told(i, j) += weight * row.hessian[k++];
-    const Eigen::Matrix<double, 6, 2> JW = row.jacobian.transpose() * (row.robust * row.weight);
-    Eigen::Matrix2d C = noise2 * row.geometry->unit_covariance_px2;
-    C.diagonal().array() += shared2;
-    spread.noalias() += JW * C * JW.transpose();
-    const Vector6d depth = JW * row.by_depth;
-    by_cell[static_cast<std::size_t>(row.cell)] += depth;
-    by_depth += depth;
-    const Eigen::Matrix<double, 6, 2> as_one = JW * row.to_patch;
-    common += parameters.common_error_px * as_one;
-    common_by_cell[static_cast<std::size_t>(row.cell)] += uncertainty.shared_error_px * as_one;
-  }
-  for (const auto& cell : common_by_cell) spread.noalias() += cell * cell.transpose();
-  for (const Vector6d& cell : by_cell) spread.noalias() += 0.5 * cell * cell.transpose();
-  spread.noalias() += 0.5 * by_depth * by_depth.transpose() + common * common.transpose();
-  if (freedom == Freedom::planar) spread += sloping(by_cell);
-  if (!invert(told.selfadjointView<Eigen::Upper>()))
-    return Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
-  Matrix6d out = inverse * spread * inverse;
-  if (freedom == Freedom::planar)
-    out.diagonal().segment<2>(3).array() += uncertainty.tilt_sigma_rad * uncertainty.tilt_sigma_rad;
-  return 0.5 * (out + out.transpose());
+  return scratch.empty() ? 1 : median(scratch) / std::max(coarse_explained, 1e-3);
 }
 
 DirectAligner::DirectAligner(const CameraModel& camera, const TrackerParameters& parameters,
@@ -373,11 +229,13 @@ Alignment DirectAligner::align(const DirectTemplate& patches, const Pyramid& ima
     return out;
   out.T_camera_site = T;
   constexpr std::size_t kCoarse = kPyramidLevels - 1;
-  out.quality = s.quality(static_cast<int>(s.rows.size()));
+  out.quality = quality_of(s.rows, s.scratch);
+  if (out.quality.inliers > 0) s.noise2 = noise_of_both(out.quality.noise);
   out.quality.sharpness =
       s.sharpness(patches[kCoarse], image.levels[kCoarse], static_cast<int>(kCoarse), T);
-  out.covariance = s.covariance();
-  out.is_solved = out.covariance.allFinite();
+  const auto covariance = covariance_of(s.rows, {s.noise2, s.parameters, s.uncertainty, s.freedom});
+  out.is_solved = covariance && covariance->allFinite();
+  if (covariance) out.covariance = *covariance;
   return out;
 }
 

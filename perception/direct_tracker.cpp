@@ -5,75 +5,11 @@
 #include <cmath>
 #include <optional>
 
-#include "perception/direct_keyframe.hpp"
-#include "perception/image_shift.hpp"
+#include "perception/direct_tracker_impl.hpp"
 #include "perception/stage_timer.hpp"
-#include "perception/tied_keyframes.hpp"
-#include "perception/tracker_parameters.hpp"
 #include "perception/tracker_rules.hpp"
 
 namespace holdfast::perception {
-namespace {
-
-constexpr int kCoarsest = kPyramidLevels - 1;
-}  // namespace
-
-struct DirectTracker::Impl {
-  CameraModel camera;
-  TrackerParameters parameters;
-
-  std::optional<DirectKeyframe> first;
-  TiedKeyframes ties;
-  DirectKeyframe* key =
-      nullptr;  // in use: the first, or one tied to it; all poses here are since it
-
-  int frames_since_learning = 0;  // what is fixed to the camera
-
-  Pyramid pyramid;
-  ImageShift shift;
-  std::optional<Eigen::Isometry3d> T_newest, T_before;  // of the last frames, if not lost
-  std::optional<std::chrono::nanoseconds> t_newest;
-
-  Impl(const CameraModel& c, const TrackerParameters& p) : camera(c), parameters(p), ties(c, p) {
-    camera.distortion = c.distortion.clone();
-  }
-
-  [[nodiscard]] Eigen::Isometry3d predicted();
-  [[nodiscard]] std::optional<Eigen::Isometry3d> recalled();
-  [[nodiscard]] TrackingReason unsound(const Alignment& alignment) const;
-  bool accept(const Alignment& alignment, MotionEstimate& out);
-  bool follow(MotionEstimate& out);
-  bool relocalise(const cv::Mat& image, MotionEstimate& out);
-  bool relocalise_by_any(const cv::Mat& image, MotionEstimate& out);
-  void use(TiedKeyframe* next);
-  [[nodiscard]] Eigen::Vector3d p_pivot_of_first() const;
-  void tend_ties(const cv::Mat& image, MotionEstimate& out);
-  void fill(const Alignment& alignment, MotionEstimate& out) const;
-  void compare_chain(MotionEstimate& out);
-  void compare_features(const cv::Mat& image, MotionEstimate& out);
-  void object(MotionEstimate& out) const;
-  void estimate(const cv::Mat& image, MotionEstimate& out);
-  [[nodiscard]] TrackingReason take_keyframe(const GivenKeyframe& given,
-                                             const cv::Mat& moving_half);
-  [[nodiscard]] bool is_contradicted(const MotionEstimate& out) const;
-  bool learn_fixed(const cv::Mat& image, MotionEstimate& out);
-  void forget_motion();
-  void lose(MotionEstimate& out);
-};
-
-void DirectTracker::Impl::forget_motion() {
-  T_newest.reset();
-  T_before.reset();
-  shift.forget();
-  if (key != nullptr) key->chain.break_off();
-}
-
-/// The first keyframe is where the search begins.
-void DirectTracker::Impl::lose(MotionEstimate& out) {
-  out.status = TrackingStatus::lost;
-  forget_motion();
-  use(nullptr);
-}
 
 /// Constant velocity or none, whichever the image resembles more.
 Eigen::Isometry3d DirectTracker::Impl::predicted() {
@@ -83,16 +19,6 @@ Eigen::Isometry3d DirectTracker::Impl::predicted() {
   const double still = key->aligner.similarity(key->patches, pyramid, kCoarsest, *T_newest);
   if (key->aligner.similarity(key->patches, pyramid, kCoarsest, moving) > still) best = moving;
   return best;
-}
-
-/// After a jolt: the frame before, shifted as the picture is.
-std::optional<Eigen::Isometry3d> DirectTracker::Impl::recalled() {
-  const auto moved_px = shift.find(pyramid.levels[kCoarsest]);
-  if (!moved_px) return std::nullopt;
-  const double z_mm = (*T_newest * key->given.site.p_pivot_mm()).z();
-  return Eigen::Translation3d(moved_px->x / camera.fx_px * z_mm, moved_px->y / camera.fy_px * z_mm,
-                              0) *
-         *T_newest;
 }
 
 /// Why an alignment is no pose; none when it may be one.
@@ -175,98 +101,6 @@ bool DirectTracker::Impl::follow(MotionEstimate& out) {
          accept(key->aligner.align(key->patches, pyramid, T_start, kCoarsest), out);
 }
 
-/// From nothing: the features find the site, alignment makes it exact and must agree.
-bool DirectTracker::Impl::relocalise(const cv::Mat& image, MotionEstimate& out) {
-  const StageTimer timer(out.times.check);
-  const FeatureMotion found = key->features.find(image);
-  out.features = found.features;
-  out.matches = found.matches;
-  out.reason = found.reason;
-  if (!found.fit) return false;
-  const Eigen::Isometry3d& T_found = found.fit->pose.T_camera_site;
-  if (!accept(key->aligner.align(key->patches, pyramid, T_found, 1), out)) return false;
-  if (displacement_um(T_found, out.T_camera_site, key->given.site.p_pivot_mm()) >
-      parameters.check.limit_um) {
-    out.reason = TrackingReason::check_disagreement;
-    return false;
-  }
-  key->features.judge(found, {out.T_camera_site, out.covariance}, out);
-  return true;
-}
-
-/// Another keyframe from here on (none: the first): what is known of the motion is told since it.
-void DirectTracker::Impl::use(TiedKeyframe* next) {
-  DirectKeyframe& to = next != nullptr ? next->key : *first;
-  if (&to == key) return;
-  const TiedKeyframe* before = ties.current();
-  Eigen::Isometry3d T_to_key = Eigen::Isometry3d::Identity();
-  if (next != nullptr) T_to_key = next->tie.T_tied_first;
-  if (before != nullptr) T_to_key = T_to_key * before->tie.T_tied_first.inverse(Eigen::Isometry);
-  const Eigen::Isometry3d T_key_to = T_to_key.inverse(Eigen::Isometry);
-  if (T_newest) *T_newest = *T_newest * T_key_to;
-  if (T_before) *T_before = *T_before * T_key_to;
-  std::swap(key->chain, to.chain);
-  to.chain.rebase(T_to_key);
-  key = &to;
-  ties.use(next);
-}
-
-/// By the keyframe in use, by the first, and by one of the tied, a different one at every frame.
-bool DirectTracker::Impl::relocalise_by_any(const cv::Mat& image, MotionEstimate& out) {
-  if (relocalise(image, out)) return true;
-  TiedKeyframe* other = ties.current() != nullptr ? nullptr : ties.to_look_for();
-  if (other == nullptr && ties.current() == nullptr) return false;
-  const TrackingReason reason = out.reason;
-  forget_motion();
-  use(other);
-  if (relocalise(image, out)) return true;
-  out.reason = reason;
-  return false;
-}
-
-/// The pose since the first keyframe, if another is in use; and which is to be used from now on.
-void DirectTracker::Impl::tend_ties(const cv::Mat& image, MotionEstimate& out) {
-  const StageTimer timer(out.times.ties);
-  const auto degrade = [&] {
-    out.status = TrackingStatus::degraded;
-    out.reason = TrackingReason::tie_doubtful;
-  };
-  const TieVerdict verdict = ties.tend(*first, image, pyramid, out);
-  if (ties.current() != nullptr) {
-    const CheckedPose pose = ties.since_first(*first, {out.T_camera_site, out.covariance});
-    set_pose(pose.T_camera_site, pose.covariance, first->given.site, out);
-    out.keyframe = ties.current()->number;
-  }
-  if (verdict.is_loose) degrade();
-  switch (verdict.change) {
-    case TieVerdict::Change::none:
-      return;
-    case TieVerdict::Change::to_first:
-      return use(nullptr);
-    case TieVerdict::Change::to_tied:
-      return use(verdict.next);
-    case TieVerdict::Change::doubted:
-      break;
-  }
-  use(nullptr);
-  ties.drop_all();
-  degrade();
-  if (verdict.of_first.is_solved) {
-    fill(verdict.of_first, out);
-    out.keyframe = 0;
-    T_newest = out.T_camera_site;
-    T_before.reset();
-  } else {
-    out.status = TrackingStatus::lost;  // where the site is, only the features of the first know
-  }
-}
-
-/// In the frame of the keyframe in use.
-Eigen::Vector3d DirectTracker::Impl::p_pivot_of_first() const {
-  const Eigen::Vector3d& p_first = first->given.site.p_pivot_mm();
-  return ties.current() != nullptr ? ties.current()->tie.T_tied_first * p_first : p_first;
-}
-
 /// Follows the chain to this frame and compares. A chain that broke says nothing; one that
 /// disagrees leaves it to the features.
 void DirectTracker::Impl::compare_chain(MotionEstimate& out) {
@@ -327,20 +161,6 @@ void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate&
 
 bool DirectTracker::Impl::is_contradicted(const MotionEstimate& out) const {
   return key->stillness.contradicts(out.T_camera_site, pyramid, out.noise_grey);
-}
-
-/// Takes what has not changed for fixed to the camera, and looks for the site without it.
-bool DirectTracker::Impl::learn_fixed(const cv::Mat& image, MotionEstimate& out) {
-  constexpr int kPause = 10;  // frames; what moved little is told apart better later
-  if (frames_since_learning++ % kPause != 0) return false;
-  const GivenKeyframe given = key->given;
-  const Eigen::Isometry3d T_fixed = out.T_camera_site;
-  if (take_keyframe(given, key->stillness.moving_half(pyramid)) != TrackingReason::none)
-    return false;
-  // Noticed soon, the site is still near; and between dots there is no room for features.
-  return (accept(key->aligner.align(key->patches, pyramid, T_fixed, kCoarsest), out) ||
-          relocalise(image, out)) &&
-         !is_contradicted(out);
 }
 
 void DirectTracker::Impl::estimate(const cv::Mat& image, MotionEstimate& out) {
@@ -406,7 +226,7 @@ TrackingReason DirectTracker::set_keyframe(const cv::Mat& image, const SiteGeome
   s.T_newest = Eigen::Isometry3d::Identity();
   Pyramid pyramid;
   make_pyramid(image, pyramid);
-  s.shift.remember(pyramid.levels[kCoarsest]);
+  s.shift.remember(pyramid.levels[Impl::kCoarsest]);
   return TrackingReason::none;
 }
 

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "perception/keyframe_maker.hpp"
 
-#include <condition_variable>
 #include <limits>
-#include <mutex>
-#include <thread>
+#include <optional>
 #include <utility>
+
+#include "perception/job_thread.hpp"
 
 namespace holdfast::perception {
 
@@ -47,21 +47,17 @@ std::unique_ptr<TiedKeyframe> make_tied(const KeyframeOrder& order, const Camera
 }  // namespace
 
 struct KeyframeMaker::Impl {
-  enum class State : std::uint8_t { idle, ordered, done, ending };
-
   CameraModel camera;
   TrackerParameters parameters;
-  std::mutex mutex;  // of state; the rest belongs to the thread while ordered, else to the owner
-  std::condition_variable changed;
-  State state = State::idle;
   KeyframeOrder ordered;
   Made made;
-  std::thread thread;  // none: made by the owner
+  bool is_made = false;             // without a thread: and not taken
+  std::optional<JobThread> thread;  // none: made by the owner. Last: it uses all the others
 
   Impl(const CameraModel& c, const TrackerParameters& p, bool is_threaded)
       : camera(c), parameters(p) {
     camera.distortion = c.distortion.clone();
-    if (is_threaded) thread = std::thread([this] { run(); });
+    if (is_threaded) thread.emplace([this] { work(); });
   }
 
   void work() {
@@ -69,64 +65,32 @@ struct KeyframeMaker::Impl {
     made.keyframe = make_tied(ordered, camera, parameters);
     ordered.site = Site();
   }
-
-  void run() {
-    std::unique_lock lock(mutex);
-    while (true) {
-      changed.wait(lock, [this] { return state == State::ordered || state == State::ending; });
-      if (state == State::ending) return;
-      lock.unlock();
-      work();
-      lock.lock();
-      if (state == State::ending) return;
-      state = State::done;
-      changed.notify_all();
-    }
-  }
 };
 
 KeyframeMaker::KeyframeMaker(const CameraModel& camera, const TrackerParameters& parameters,
                              bool is_threaded)
     : impl_(std::make_unique<Impl>(camera, parameters, is_threaded)) {}
-
-KeyframeMaker::~KeyframeMaker() {
-  {
-    const std::lock_guard lock(impl_->mutex);
-    impl_->state = Impl::State::ending;
-  }
-  impl_->changed.notify_all();
-  if (impl_->thread.joinable()) impl_->thread.join();
-}
+KeyframeMaker::~KeyframeMaker() = default;
 
 bool KeyframeMaker::is_idle() const {
-  const std::lock_guard lock(impl_->mutex);
-  return impl_->state == Impl::State::idle;
+  return impl_->thread ? impl_->thread->is_idle() : !impl_->is_made;
 }
 
 void KeyframeMaker::order(KeyframeOrder order) {
   order.image = order.image.clone();
   impl_->ordered = std::move(order);
-  if (!impl_->thread.joinable()) {
-    impl_->work();
-    impl_->state = Impl::State::done;
-    return;
-  }
-  {
-    const std::lock_guard lock(impl_->mutex);
-    impl_->state = Impl::State::ordered;
-  }
-  impl_->changed.notify_all();
+  if (impl_->thread) return impl_->thread->order();
+  impl_->work();
+  impl_->is_made = true;
 }
 
 void KeyframeMaker::wait() {
-  std::unique_lock lock(impl_->mutex);
-  impl_->changed.wait(lock, [this] { return impl_->state != Impl::State::ordered; });
+  if (impl_->thread) impl_->thread->wait();
 }
 
 std::optional<KeyframeMaker::Made> KeyframeMaker::take() {
-  const std::lock_guard lock(impl_->mutex);
-  if (impl_->state != Impl::State::done) return std::nullopt;
-  impl_->state = Impl::State::idle;
+  const bool is_done = impl_->thread ? impl_->thread->take() : std::exchange(impl_->is_made, false);
+  if (!is_done) return std::nullopt;
   return std::exchange(impl_->made, Made{});
 }
 

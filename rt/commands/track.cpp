@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -67,6 +68,12 @@ struct Outcome {
   TrackingReason last_reason = TrackingReason::none;  // of the newest lost frame
   std::string csv = trajectory_header(), tum;
   StageStatistics stages;
+  struct Ties {  // keyframes tied to the first
+    std::set<int> used;
+    int frames = 0, doubted = 0,
+        seen_again = 0;      // by one; a tie in doubt; the first seen meanwhile
+    double jump_um_max = 0;  // of the latter
+  } ties;
 
   void add(const bridge::SequenceFrame& frame, const MotionEstimate& estimate);
 };
@@ -79,6 +86,16 @@ void Outcome::add(const bridge::SequenceFrame& frame, const MotionEstimate& esti
   csv += trajectory_row(frame.index, frame.t, estimate);
   tum += tum_row(frame.t, estimate);
   stages.add(estimate.times);
+  if (estimate.reason == TrackingReason::tie_doubtful) ++ties.doubted;
+  if (estimate.status == TrackingStatus::lost) return;
+  if (estimate.keyframe > 0) {
+    ties.used.insert(estimate.keyframe);
+    ++ties.frames;
+  }
+  if (estimate.has_tie_jump) {
+    ++ties.seen_again;
+    ties.jump_um_max = std::max(ties.jump_um_max, estimate.tie_jump_um);
+  }
 }
 
 cv::Mat mask_of(const Options& options, const perception::CameraModel& camera) {
@@ -252,6 +269,12 @@ void report(const Options& options, Outcome& outcome, bridge::TimeSource times) 
     json["reasons"] = nlohmann::ordered_json::object();
     for (const auto& [reason, frames] : outcome.reasons)
       json["reasons"][std::string(name(reason))] = frames;
+    const Outcome::Ties& ties = outcome.ties;
+    json["tied_keyframes"] = {{"used", ties.used.size()},
+                              {"frames", ties.frames},
+                              {"doubted", ties.doubted},
+                              {"first_seen_again", ties.seen_again},
+                              {"jump_um_max", ties.jump_um_max}};
     json["times"] = text(times);
     for (const StageTime& stage : outcome.stages.stages())
       json["timing_ms"][stage.name] = {{"median", stage.median_ms}, {"p99", stage.p99_ms}};

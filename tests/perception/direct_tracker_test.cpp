@@ -18,18 +18,11 @@
 namespace holdfast::perception {
 namespace {
 
+using test::error_of;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 constexpr int kWidthPx = 960, kHeightPx = 540;
 constexpr double kDepthMm = 200;
 const Eigen::Isometry3d kStill = Eigen::Isometry3d::Identity();
-
-Vector6d error_of(const MotionEstimate& e, const Eigen::Isometry3d& T_camera_site) {
-  const Eigen::AngleAxisd turn(T_camera_site.linear() * e.T_camera_site.linear().transpose());
-  Vector6d error;
-  error << T_camera_site * e.p_pivot_site_mm - e.T_camera_site * e.p_pivot_site_mm,
-      turn.angle() * turn.axis();
-  return error;
-}
 
 struct Case {
   const char* label;

@@ -13,6 +13,7 @@
 namespace holdfast::perception {
 namespace {
 
+using test::error_of;
 using Vector6d = Eigen::Matrix<double, 6, 1>;
 
 struct Truth {
@@ -32,14 +33,6 @@ std::vector<Truth> walk(int frames, bool is_rigid) {
     truths.push_back(now);
   }
   return truths;
-}
-
-Vector6d error_of(const MotionEstimate& e, const Eigen::Isometry3d& T_camera_site) {
-  const Eigen::AngleAxisd turn(T_camera_site.linear() * e.T_camera_site.linear().transpose());
-  Vector6d error;
-  error << T_camera_site * e.p_pivot_site_mm - e.T_camera_site * e.p_pivot_site_mm,
-      turn.angle() * turn.axis();
-  return error;
 }
 
 struct Case {

@@ -87,6 +87,8 @@ TEST_F(TrackCommand, WritesOneRowAFrameAndOneJsonObject) {
   const auto json = nlohmann::json::parse(out);
   EXPECT_EQ(json["frames"], 4);
   EXPECT_EQ(json["lost"], 0);
+  EXPECT_EQ(json["tied_keyframes"]["used"], 0) << "the first is never left";
+  EXPECT_EQ(json["tied_keyframes"]["frames"], 0);
   for (const char* stage : {"mask", "detect", "match", "model", "total"})
     EXPECT_GE(json["timing_ms"][stage]["p99"], json["timing_ms"][stage]["median"]);
   EXPECT_EQ(err, "");

@@ -170,4 +170,14 @@ Eigen::Isometry3d moved_about(const Eigen::Vector3d& pivot_mm, const Eigen::Vect
   return T;
 }
 
+Eigen::Matrix<double, 6, 1> error_of(const perception::MotionEstimate& estimate,
+                                     const Eigen::Isometry3d& T_camera_site) {
+  const Eigen::Isometry3d& T = estimate.T_camera_site;
+  const Eigen::AngleAxisd turn(T_camera_site.linear() * T.linear().transpose());
+  const Eigen::Vector3d& p_site = estimate.p_pivot_site_mm;
+  Eigen::Matrix<double, 6, 1> error;
+  error << T_camera_site * p_site - T * p_site, turn.angle() * turn.axis();
+  return error;
+}
+
 }  // namespace holdfast::test

@@ -11,6 +11,7 @@
 #include <opencv2/core.hpp>
 
 #include "perception/camera_model.hpp"
+#include "perception/motion_estimate.hpp"
 #include "perception/tracker.hpp"
 
 namespace holdfast::test {
@@ -60,5 +61,9 @@ class MovingScene {
 [[nodiscard]] Eigen::Isometry3d moved_about(const Eigen::Vector3d& pivot_mm,
                                             const Eigen::Vector3d& t_mm,
                                             const Eigen::Vector3d& r_rad);
+
+/// How far the truth is from the estimate, in the order and axes of MotionEstimate::covariance.
+[[nodiscard]] Eigen::Matrix<double, 6, 1> error_of(const perception::MotionEstimate& estimate,
+                                                   const Eigen::Isometry3d& T_camera_site);
 
 }  // namespace holdfast::test
