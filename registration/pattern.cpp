@@ -10,7 +10,6 @@
 namespace holdfast::registration {
 namespace {
 
-constexpr double kDotMinPx = 2, kDotMaxPx = 16, kDistanceMinPx = 1, kDistanceMaxPx = 10;
 constexpr int kTaps = 4;  // a rim pixel is sampled 4 x 4 times
 
 /// 0..1, the same on every standard library.

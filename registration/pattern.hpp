@@ -22,6 +22,9 @@ enum class PatternKind {
   random    ///< as many dots as the aperiodic pattern has, anywhere, also on each other
 };
 
+/// What can be projected and told apart (paper A); projector pixels.
+constexpr double kDotMinPx = 2, kDotMaxPx = 16, kDistanceMinPx = 1, kDistanceMaxPx = 10;
+
 struct PatternParameters {
   PatternKind kind = PatternKind::aperiodic;
   double dot_px = 4;       ///< diameter s, 2 to 16

@@ -15,7 +15,6 @@ namespace {
 constexpr int kStepPx = 4;     // of the camera's pixels that are asked
 constexpr int kWindowPx = 24;  // of the pattern and, scaled, of the image: what a match looks at
 constexpr int kSaturated = 250;
-constexpr double kDotMinPx = 2, kDotMaxPx = 16, kDistanceMinPx = 1, kDistanceMaxPx = 10;
 
 /// Depths everywhere, on a coarse grid: unknown ones from around, only to aim by.
 cv::Mat1f guessed_depths(const Reconstruction& surface) {

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: Apache-2.0
 // Where the projector shines: decoded from one pair under a pattern whose image is known, so that
-// no projector needs a calibration of its own. Parts of the left view are looked for in the
-// pattern, each next to one that was found; all of them together give the projector as a camera.
+// no projector needs a calibration of its own: the parts of the left view that were found in the
+// pattern (pattern_anchors.hpp) together give the projector as a camera.
 #pragma once
 
 #include <string>
 
 #include <opencv2/core.hpp>
 
+#include "registration/pattern_anchors.hpp"
 #include "registration/reconstruction.hpp"
 
 namespace holdfast::registration {
 
-struct ProjectorSearch {
-  /// Camera pixels for one of the projector, and how far it may be rolled against the camera.
-  double scale_min = 1.5, scale_max = 7, turn_max_rad = 0.27;
+struct ProjectorLimits {
+  AnchorSearch search;
   int anchors_min = 40;          ///< parts that agree
   double residual_max_px = 1.5;  ///< of their positions, rms, projector pixels
 };
@@ -31,16 +31,11 @@ struct ProjectorMap {
   [[nodiscard]] cv::Point2d project(const cv::Vec3f& p_rectified_mm) const;
 };
 
-/// The raw left image, grey, on the whole rectified left grid. To look at, not to measure in
-/// (OpenCV's remap rounds positions to 1/32 px).
-[[nodiscard]] cv::Mat1b rectified_left(const cv::Mat& raw_left, const ZoomCalibration& zoom,
-                                       const Rectification& geometry);
-
 /// `pattern`: as projected, CV_8UC1; it must not repeat itself (no lattice). `left`: under it, on
 /// the whole rectified left grid; `surface`: reconstructed from it, status done. A pattern that was
 /// not projected, or another one, is not found. Deterministic; some seconds at worst.
 [[nodiscard]] ProjectorMap find_projector(const cv::Mat1b& pattern, const cv::Mat1b& left,
                                           const Reconstruction& surface,
-                                          const ProjectorSearch& search = {});
+                                          const ProjectorLimits& limits = {});
 
 }  // namespace holdfast::registration

@@ -24,13 +24,6 @@ constexpr double kSaturatedShareMax = 0.25;  // of the image
 constexpr double kTexturedShareMin = 0.15;   // of the blocks
 constexpr int kShotsMax = 31;
 
-cv::Mat1b grey_of(const cv::Mat& image) {
-  cv::Mat grey = image;
-  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
-  if (grey.depth() == CV_16U) grey.convertTo(grey, CV_8U, 1.0 / 257);
-  return grey;
-}
-
 bool has_format(const cv::Mat& image, cv::Size size) {
   return image.size() == size && (image.depth() == CV_8U || image.depth() == CV_16U) &&
          (image.channels() == 1 || image.channels() == 3);

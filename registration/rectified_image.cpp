@@ -105,6 +105,13 @@ cv::Range covered_columns(const uchar* is_covered, int width) {
 
 }  // namespace
 
+cv::Mat1b grey_of(const cv::Mat& image) {
+  cv::Mat grey = image;
+  if (image.channels() == 3) cv::cvtColor(image, grey, cv::COLOR_BGR2GRAY);
+  if (grey.depth() == CV_16U) grey.convertTo(grey, CV_8U, 1.0 / 257);
+  return grey;
+}
+
 Rectifier::Rectifier(const cv::Matx33d& camera_matrix, const cv::Mat& distortion,
                      const cv::Matx33d& R_, const cv::Matx34d& projection, cv::Size raw_size_px,
                      const cv::Rect& region)
@@ -144,6 +151,16 @@ void Rectifier::apply(const cv::Mat1b& raw, WorkerPool& pool, RectifiedImage& ou
     }
   };
   pool.run((region_.height + kRowsPerTask - 1) / kRowsPerTask, rows);
+}
+
+cv::Mat1b rectified_left(const cv::Mat& raw_left, const ZoomCalibration& zoom,
+                         const Rectification& geometry) {
+  const Rectifier rectifier(zoom.camera_matrix_left, zoom.distortion_left, geometry.R1, geometry.P1,
+                            raw_left.size(), cv::Rect({}, geometry.size_px));
+  WorkerPool pool(1);
+  RectifiedImage out;
+  rectifier.apply(grey_of(raw_left), pool, out);
+  return out.pixels;
 }
 
 }  // namespace holdfast::registration

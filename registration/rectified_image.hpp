@@ -8,10 +8,15 @@
 
 #include <opencv2/core.hpp>
 
+#include "registration/rectification.hpp"
 #include "registration/simd.hpp"
 #include "registration/worker_pool.hpp"
 
 namespace holdfast::registration {
+
+/// 8 or 16 bits, grey or BGR, as 8-bit grey; 16 bits are taken as full scale. Shares the pixels of
+/// one that is so already.
+[[nodiscard]] cv::Mat1b grey_of(const cv::Mat& image);
 
 struct RectifiedImage {
   cv::Mat1b pixels;  ///< of the region; 0 where the raw image does not reach
@@ -42,5 +47,9 @@ class Rectifier {
   cv::Rect region_;
   cv::Mat1f u_, v_;  // raw positions at every 8th rectified pixel
 };
+
+/// The raw left image (as grey_of() takes it) on the whole rectified left grid.
+[[nodiscard]] cv::Mat1b rectified_left(const cv::Mat& raw_left, const ZoomCalibration& zoom,
+                                       const Rectification& geometry);
 
 }  // namespace holdfast::registration

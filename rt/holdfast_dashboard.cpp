@@ -26,9 +26,9 @@ void take(std::filesystem::path& from, const std::filesystem::path& given) {
 void run(const Options& options) {
   holdfast::dashboard::DashboardConfig config =
       holdfast::dashboard::load_dashboard_config(options.config);
-  if (options.domain) config.domain = *options.domain;
+  if (options.domain) config.observer.domain = *options.domain;
   if (options.port) config.http.port = static_cast<std::uint16_t>(*options.port);
-  if (!options.security.empty()) config.security.use(options.security);
+  if (!options.security.empty()) config.observer.security.use(options.security);
   take(config.surfaces.ct, options.surfaces.ct);
   take(config.surfaces.reconstruction, options.surfaces.reconstruction);
   take(config.surfaces.registration, options.surfaces.registration);

@@ -20,8 +20,8 @@ struct Options {
 
 void run(const Options& options) {
   holdfast::outlets::OutletsConfig config = holdfast::outlets::load_outlets_config(options.config);
-  if (options.domain) config.domain = *options.domain;
-  if (!options.security.empty()) config.security.use(options.security);
+  if (options.domain) config.observer.domain = *options.domain;
+  if (!options.security.empty()) config.observer.security.use(options.security);
   if (options.ros2_domain) {
     config.ros2.is_on = true;
     config.ros2.domain = *options.ros2_domain;

@@ -8,6 +8,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "registration/pattern_refinement.hpp"
+#include "registration/rectified_image.hpp"
 #include "rt/commands/grey_image.hpp"
 #include "rt/core/error.hpp"
 

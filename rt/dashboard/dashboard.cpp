@@ -100,16 +100,13 @@ void run_dashboard(const DashboardConfig& config) {
   bridge::HttpServer server(http);
   add_page(server, config.page.empty() ? page_beside_program() : config.page);
   add_surfaces(server, config.surfaces);
-  Observer observer({.domain = static_cast<std::uint32_t>(config.domain),
-                     .configuration = {},
-                     .security = config.security.folder.string()},
-                    config.observer);
+  Observer observer(config.observer);
   server.add("/state", "application/json",
              shared_answer([&observer](Clocks now) { return state_json(observer.state(), now); }));
   server.add("/history", "application/json",
              shared_answer([&observer](Clocks) { return history_json(observer.state()); }));
-  fmt::print(stderr, "dashboard: domain {} on http://{}:{}/\n", config.domain, http.address,
-             server.port());
+  fmt::print(stderr, "dashboard: domain {} on http://{}:{}/\n", config.observer.domain,
+             http.address, server.port());
   server.run(kLookPeriod, [&observer] {
     observer.look();
     return !bridge::is_interrupted();

@@ -7,16 +7,13 @@
 #include <string>
 
 #include "bridge/http/http_server.hpp"
-#include "bridge/security_config.hpp"
 #include "rt/dashboard/surface_files.hpp"
-#include "rt/observer/observed_state.hpp"
+#include "rt/observer/observer.hpp"
 
 namespace holdfast::dashboard {
 
 struct DashboardConfig {
-  int domain = 0;
-  bridge::SecurityConfig security;
-  observer::ObserverParameters observer;
+  observer::ObserverConfig observer;
   bridge::HttpParameters http;
   SurfaceFiles surfaces;
   std::filesystem::path page;  ///< folder of the page's files; empty: those beside the program

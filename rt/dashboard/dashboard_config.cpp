@@ -46,11 +46,7 @@ DashboardConfig load_dashboard_config(const fs::path& path) {
   const bridge::ConfigFile file(path);
   const auto root = file.root();
   DashboardConfig config;
-  config.domain = root.integer("domain", config.domain, {0, 230});
-  config.observer.has_guard = root.boolean("guard", true);
-  if (root.choice("clock", "same_host", {"same_host", "synchronised_utc"}) != "same_host")
-    config.observer.clock = safety::ClockRelation::synchronised_utc;
-  config.security = bridge::read_security(root.section("dds"));
+  config.observer = observer::read_observer(root);
   config.http = read_http(root.section("http"));
   const auto surfaces = root.section("surfaces");
   config.surfaces = {optional_path(surfaces, "ct"), optional_path(surfaces, "reconstruction"),

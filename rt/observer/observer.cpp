@@ -5,16 +5,27 @@ namespace holdfast::observer {
 
 using bridge::dds::Clocks;
 
-Observer::Observer(const bridge::dds::ParticipantParameters& participant,
-                   const ObserverParameters& parameters)
-    : participant_(participant),
+ObserverConfig read_observer(const bridge::ConfigSection& root) {
+  ObserverConfig config;
+  config.domain = root.integer("domain", config.domain, {0, 230});
+  config.parameters.has_guard = root.boolean("guard", true);
+  if (root.choice("clock", "same_host", {"same_host", "synchronised_utc"}) != "same_host")
+    config.parameters.clock = safety::ClockRelation::synchronised_utc;
+  config.security = bridge::read_security(root.section("dds"));
+  return config;
+}
+
+Observer::Observer(const ObserverConfig& config)
+    : participant_({.domain = static_cast<std::uint32_t>(config.domain),
+                    .configuration = {},
+                    .security = config.security.folder.string()}),
       stops_(participant_),
       guard_(participant_),
       health_(participant_),
       registrations_(participant_),
       robot_(participant_),
       poses_(participant_),
-      state_(parameters) {}
+      state_(config.parameters) {}
 
 template <class M>
 void Observer::drain(bridge::dds::Reader<M>& reader) {

@@ -3,16 +3,27 @@
 // an observer's keys suffice, which do not allow writing. One thread.
 #pragma once
 
+#include "bridge/config_file.hpp"
 #include "bridge/dds/endpoint.hpp"
+#include "bridge/security_config.hpp"
 #include "rt/observer/observed_state.hpp"
 
 namespace holdfast::observer {
 
+struct ObserverConfig {
+  int domain = 0;  ///< the daemon's
+  bridge::SecurityConfig security;
+  ObserverParameters parameters;
+};
+
+/// `domain`, `guard`, `clock` and [dds] of a program that observes. Throws InputError naming file,
+/// line, column, key, value.
+[[nodiscard]] ObserverConfig read_observer(const bridge::ConfigSection& root);
+
 class Observer {
  public:
   /// Throws as bridge::dds::Participant and Reader.
-  Observer(const bridge::dds::ParticipantParameters& participant,
-           const ObserverParameters& parameters);
+  explicit Observer(const ObserverConfig& config);
 
   /// Takes what has arrived; does not wait. To be called at least every silence_max.
   void look();

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rt/outlets/igtl_outlet.hpp"
 
-#include <cmath>
-
 #include <fmt/format.h>
 
 namespace holdfast::outlets {
@@ -55,7 +53,7 @@ Eigen::Isometry3d T_patient_camera(const LiveSite& site) {
 }
 
 IgtlOutlet::IgtlOutlet(const IgtlSettings& settings)
-    : settings_(settings), server_(settings.server) {}
+    : server_(settings.server), feed_(settings.rate_hz) {}
 
 void IgtlOutlet::tell_status(const observer::ObservedState& state, bridge::dds::Clocks now) {
   const igtl::Status status = to_status(state, now.monotonic);
@@ -68,21 +66,11 @@ void IgtlOutlet::tell_status(const observer::ObservedState& state, bridge::dds::
 }
 
 void IgtlOutlet::tell(const observer::ObservedState& state, bridge::dds::Clocks now) {
-  const nanoseconds t = now.monotonic;
   tell_status(state, now);  // first: who reads on has the reason before what it is the reason for
-  const auto period = nanoseconds(std::llround(1e9 / settings_.rate_hz));
-  if (const auto pose = live_pose(state, t);
-      pose && pose->counter != counter_ && t - t_pose_ >= period) {
+  if (const auto pose = feed_.next_pose(state, now.monotonic))
     server_.send(igtl::transform_message(kRobotToPatient, pose->t_utc, T_patient_robot(*pose)));
-    counter_ = pose->counter;
-    t_pose_ = t;
-  }
-  if (const auto site = live_site(state, t);
-      site && site->frame != frame_ && t - t_site_ >= period) {
+  if (const auto site = feed_.next_site(state, now.monotonic))
     server_.send(igtl::transform_message(kCameraToPatient, site->t_utc, T_patient_camera(*site)));
-    frame_ = site->frame;
-    t_site_ = t;
-  }
 }
 
 }  // namespace holdfast::outlets

@@ -38,11 +38,9 @@ class IgtlOutlet {
  private:
   void tell_status(const observer::ObservedState& state, bridge::dds::Clocks now);
 
-  IgtlSettings settings_;
   bridge::openigtlink::Server server_;
-  nanoseconds t_pose_{}, t_site_{}, t_status_{};
-  std::uint32_t counter_ = 0;
-  std::uint64_t frame_ = 0;
+  LiveFeed feed_;
+  nanoseconds t_status_{};
   std::string told_;  // what the newest STATUS said
 };
 

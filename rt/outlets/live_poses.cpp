@@ -68,4 +68,24 @@ std::optional<LiveSite> live_site(const observer::ObservedState& state, nanoseco
   return LiveSite{utc_of(h->protection, h->t_exposure_ns), *T_camera_site, *T_site_ct, h->frame};
 }
 
+LiveFeed::LiveFeed(double rate_hz) : period_(std::llround(1e9 / rate_hz)) {}
+
+std::optional<LivePose> LiveFeed::next_pose(const observer::ObservedState& state,
+                                            nanoseconds now) noexcept {
+  auto pose = live_pose(state, now);
+  if (!pose || pose->counter == counter_ || now - t_pose_ < period_) return std::nullopt;
+  counter_ = pose->counter;
+  t_pose_ = now;
+  return pose;
+}
+
+std::optional<LiveSite> LiveFeed::next_site(const observer::ObservedState& state,
+                                            nanoseconds now) noexcept {
+  auto site = live_site(state, now);
+  if (!site || site->frame == frame_ || now - t_site_ < period_) return std::nullopt;
+  frame_ = site->frame;
+  t_site_ = now;
+  return site;
+}
+
 }  // namespace holdfast::outlets

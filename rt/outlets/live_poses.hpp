@@ -46,4 +46,21 @@ struct LiveSite {
 
 inline constexpr nanoseconds kSiteAgeMax = std::chrono::milliseconds(300);
 
+/// What is new of both, at most so often. One thread.
+class LiveFeed {
+ public:
+  /// Of each kind, 1/s; above 0.
+  explicit LiveFeed(double rate_hz);
+  [[nodiscard]] std::optional<LivePose> next_pose(const observer::ObservedState& state,
+                                                  nanoseconds now) noexcept;
+  [[nodiscard]] std::optional<LiveSite> next_site(const observer::ObservedState& state,
+                                                  nanoseconds now) noexcept;
+
+ private:
+  nanoseconds period_;
+  nanoseconds t_pose_{}, t_site_{};
+  std::uint32_t counter_ = 0;
+  std::uint64_t frame_ = 0;
+};
+
 }  // namespace holdfast::outlets

@@ -9,7 +9,6 @@
 #include "bridge/command_line.hpp"
 #include "bridge/config_file.hpp"
 #include "rt/core/error.hpp"
-#include "rt/observer/observer.hpp"
 
 namespace holdfast::outlets {
 namespace {
@@ -40,8 +39,8 @@ IgtlSettings read_openigtlink(const bridge::ConfigSection& s) {
 
 /// Where everything goes, before anything does.
 void say(const OutletsConfig& config) {
-  fmt::print(stderr, "outlets: hears domain {}, {}\n", config.domain,
-             config.security.folder.empty() ? "UNSECURED" : "secured, as observer");
+  fmt::print(stderr, "outlets: hears domain {}, {}\n", config.observer.domain,
+             config.observer.security.folder.empty() ? "UNSECURED" : "secured, as observer");
   if (config.ros2.is_on)
     fmt::print(stderr,
                "outlets: ROS 2 on domain {}, UNSECURED, network of {}: tf, tf_static, "
@@ -61,11 +60,7 @@ OutletsConfig load_outlets_config(const std::filesystem::path& path) {
   const bridge::ConfigFile file(path);
   const auto root = file.root();
   OutletsConfig config;
-  config.domain = root.integer("domain", config.domain, {0, 230});
-  config.observer.has_guard = root.boolean("guard", true);
-  if (root.choice("clock", "same_host", {"same_host", "synchronised_utc"}) != "same_host")
-    config.observer.clock = safety::ClockRelation::synchronised_utc;
-  config.security = bridge::read_security(root.section("dds"));
+  config.observer = observer::read_observer(root);
   config.ros2 = read_ros2(root.section("ros2"));
   config.openigtlink = read_openigtlink(root.section("openigtlink"));
   file.refuse_unknown_keys();
@@ -75,7 +70,7 @@ OutletsConfig load_outlets_config(const std::filesystem::path& path) {
 void check_outlets(const OutletsConfig& config) {
   if (!config.ros2.is_on && !config.openigtlink.is_on)
     throw InputError("outlets: none is on: set [ros2] on or [openigtlink] on to true");
-  if (config.ros2.is_on && config.ros2.domain == config.domain)
+  if (config.ros2.is_on && config.ros2.domain == config.observer.domain)
     throw InputError(fmt::format(
         "outlets: [ros2] domain {} is the daemon's: ROS nodes do not belong where robots take "
         "their permission from",
@@ -88,10 +83,7 @@ void check_outlets(const OutletsConfig& config) {
 void run_outlets(const OutletsConfig& config) {
   check_outlets(config);
   say(config);
-  observer::Observer observer({.domain = static_cast<std::uint32_t>(config.domain),
-                               .configuration = {},
-                               .security = config.security.folder.string()},
-                              config.observer);
+  observer::Observer observer(config.observer);
   std::optional<Ros2Outlet> ros2;
   std::optional<IgtlOutlet> openigtlink;
   if (config.ros2.is_on) ros2.emplace(config.ros2);

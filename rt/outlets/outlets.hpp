@@ -5,16 +5,14 @@
 
 #include <filesystem>
 
-#include "bridge/security_config.hpp"
+#include "rt/observer/observer.hpp"
 #include "rt/outlets/igtl_outlet.hpp"
 #include "rt/outlets/ros2_outlet.hpp"
 
 namespace holdfast::outlets {
 
 struct OutletsConfig {
-  int domain = 0;  ///< the daemon's
-  bridge::SecurityConfig security;
-  observer::ObserverParameters observer;
+  observer::ObserverConfig observer;
   Ros2Settings ros2;
   IgtlSettings openigtlink;
 };

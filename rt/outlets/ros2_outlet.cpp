@@ -130,7 +130,8 @@ Ros2Outlet::Ros2Outlet(const Ros2Settings& settings)
     : settings_(settings),
       mirror_({.domain = static_cast<std::uint32_t>(settings.domain),
                .configuration = settings.network,
-               .security = {}}) {
+               .security = {}}),
+      feed_(settings.rate_hz) {
   mirror_.publish_static(static_transforms(bridge::dds::read_clocks().utc));
 }
 
@@ -145,22 +146,13 @@ void Ros2Outlet::tell_diagnostics(const observer::ObservedState& state, bridge::
 // What the middleware does not take is gone: the next is due in a moment, and nobody acts on it.
 void Ros2Outlet::tell(const observer::ObservedState& state, bridge::dds::Clocks now) {
   tell_diagnostics(state, now);  // first: the reason comes before what it is the reason for
-  const nanoseconds t = now.monotonic;
-  const auto period = nanoseconds(std::llround(1e9 / settings_.rate_hz));
-  if (const auto pose = live_pose(state, t);
-      pose && pose->counter != counter_ && t - t_pose_ >= period) {
+  if (const auto pose = feed_.next_pose(state, now.monotonic)) {
     const StampedTransform transform = to_transform(*pose, settings_.robot_frame);
     (void)mirror_.publish({&transform, 1});
     (void)mirror_.publish(to_pose(*pose, settings_.robot_frame));
-    counter_ = pose->counter;
-    t_pose_ = t;
   }
-  if (const auto site = live_site(state, t);
-      site && site->frame != frame_ && t - t_site_ >= period) {
+  if (const auto site = feed_.next_site(state, now.monotonic))
     (void)mirror_.publish(to_transforms(*site));
-    frame_ = site->frame;
-    t_site_ = t;
-  }
 }
 
 }  // namespace holdfast::outlets

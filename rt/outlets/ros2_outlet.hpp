@@ -3,7 +3,6 @@
 // (docs/ros2.md). The making of messages is pure; Ros2Outlet paces them. One thread.
 #pragma once
 
-#include <cstdint>
 #include <string>
 #include <vector>
 
@@ -55,9 +54,8 @@ class Ros2Outlet {
 
   Ros2Settings settings_;
   bridge::ros2::Mirror mirror_;
-  nanoseconds t_pose_{}, t_site_{}, t_diagnostics_{};
-  std::uint32_t counter_ = 0;
-  std::uint64_t frame_ = 0;
+  LiveFeed feed_;
+  nanoseconds t_diagnostics_{};
   std::string told_;  // what the newest diagnostics said of the permission
 };
 

@@ -15,6 +15,7 @@
 #include "rt/core/error.hpp"
 #include "tests/bridge/dds_domain.hpp"
 #include "tests/bridge/dds_peer.hpp"
+#include "tests/bridge/key_folder.hpp"
 
 namespace holdfast::bridge {
 namespace {
@@ -39,23 +40,8 @@ std::string refusal_of(const std::function<void()>& call) {
   return "accepted";
 }
 
-class Security : public testing::Test {
+class Security : public KeyFolderTest {
  protected:
-  void SetUp() override {
-    folder = fs::path(testing::TempDir()) /
-             ("holdfast-keys-" + std::to_string(getpid()) + "-" +
-              testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder);
-    make_authorities(folder / "authority", std::chrono::days{2});
-  }
-  void TearDown() override { fs::remove_all(folder); }
-
-  fs::path keys_of(const std::string& role, const std::string& name, int days = 1,
-                   const std::string& authority = "authority") {
-    make_participant(folder / authority, folder / name, *dds::find_role(role), name,
-                     std::chrono::days{days});
-    return folder / name;
-  }
   /// A robot with keys of its own on the test's domain.
   client::Client robot(const std::string& name = "robot") {
     client::Parameters parameters;
@@ -81,8 +67,6 @@ class Security : public testing::Test {
     ASSERT_TRUE(is_permitted_soon(client));
     EXPECT_EQ(client.counts().poses_refused, 0U);
   }
-
-  fs::path folder;
 };
 
 TEST_F(Security, TheDaemonReachesTheRobot) {

@@ -3,10 +3,8 @@
 // control without DDS Security, in which the same search finds, and the same sending arrives.
 #include <algorithm>
 #include <cstring>
-#include <filesystem>
 #include <map>
 #include <optional>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -14,17 +12,15 @@
 
 #include "bridge/client/client.hpp"
 #include "bridge/dds/endpoint.hpp"
-#include "bridge/dds/security.hpp"
-#include "bridge/key_store.hpp"
 #include "tests/bridge/dds_domain.hpp"
 #include "tests/bridge/dds_peer.hpp"
+#include "tests/bridge/key_folder.hpp"
 #include "tests/bridge/packet_capture.hpp"
 #include "tests/sim/private_network.hpp"
 
 namespace holdfast::bridge {
 namespace {
 
-namespace fs = std::filesystem;
 using dds::eventually;
 using dds::Peer;
 using dds::test_domain;
@@ -50,25 +46,9 @@ Bytes bytes_of_text(std::string_view text) {
   return {text.begin(), text.end()};
 }
 
-class WireSecurity : public testing::Test {
+class WireSecurity : public KeyFolderTest {
  protected:
   static void SetUpTestSuite() { sim::enter_private_network(); }
-  void SetUp() override {
-    folder_ = fs::path(testing::TempDir()) /
-              ("holdfast-wire-" + std::to_string(getpid()) + "-" +
-               testing::UnitTest::GetInstance()->current_test_info()->name());
-    fs::remove_all(folder_);
-    make_authorities(folder_ / "authority", std::chrono::days{2});
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
-  std::string keys_of(const std::string& role, const std::string& name) {
-    make_participant(folder_ / "authority", folder_ / name, *dds::find_role(role), name,
-                     std::chrono::days{1});
-    return (folder_ / name).string();
-  }
-
-  fs::path folder_;
 };
 
 /// A robot's two readers, and whatever they were given.
@@ -220,29 +200,6 @@ TEST_F(WireSecurity, WhatWasHeardOnTheWireIsNotTakenAgain) {
   EXPECT_GT(robot.stops.size(), stops);
   Robot::expect_each_once(robot.poses);
   Robot::expect_each_once(robot.stops);
-}
-
-TEST_F(WireSecurity, WhatOneRobotWasSentIsNothingToItsSuccessor) {
-  RecordProperty("requirement", "SR-143");
-  const std::string robot_keys = keys_of("robot", "robot");
-  const std::string daemon_keys = keys_of("daemon", "daemon");
-  PacketCapture capture;
-  std::set<std::uint32_t> former_sources;
-  {
-    Robot robot(robot_keys);
-    const Peer daemon("flood", test_domain(), daemon_keys);
-    ASSERT_EQ(daemon.first_line(), "ready");
-    ASSERT_TRUE(robot.hears_more(kEnough));
-    for (const auto& m : robot.poses) former_sources.insert(m.protection.source);
-  }
-  const std::vector<Datagram> wire = capture.take();
-  Robot robot(robot_keys);  // started again: same keys, same ports
-  for (const Datagram& datagram : wire) capture.send_again(datagram);
-  const Peer daemon("flood", test_domain(), daemon_keys);
-  ASSERT_EQ(daemon.first_line(), "ready");
-  ASSERT_TRUE(robot.hears_more(kEnough));  // after everything that was sent again
-  for (const auto& m : robot.poses) EXPECT_FALSE(former_sources.contains(m.protection.source));
-  for (const auto& m : robot.stops) EXPECT_FALSE(former_sources.contains(m.protection.source));
 }
 
 TEST_F(WireSecurity, WithoutItAPoseSentAgainArrivesAndTheClientRefusesAndCountsIt) {

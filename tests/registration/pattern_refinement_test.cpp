@@ -119,13 +119,11 @@ TEST(ProjectorMap, IsFoundFromOneViewUnderAKnownPattern) {
 
 TEST(ProjectorMap, IsNotFoundUnderAnotherPattern) {
   const Scene scene;
-  ProjectorSearch search;
-  search.scale_min = 2.8;  // near the truth (3.1), so that the search is short
-  search.scale_max = 3.4;
-  search.turn_max_rad = 0.09;
-  ASSERT_TRUE(find_projector(scene.pattern, scene.left, scene.surface, search).is_found);
+  ProjectorLimits limits;
+  limits.search = {2.8, 3.4, 0.09};  // near the truth (3.1), so that the search is short
+  ASSERT_TRUE(find_projector(scene.pattern, scene.left, scene.surface, limits).is_found);
   const cv::Mat1b other = make_pattern({PatternKind::aperiodic, 4, 4, 2});
-  const ProjectorMap map = find_projector(other, scene.left, scene.surface, search);
+  const ProjectorMap map = find_projector(other, scene.left, scene.surface, limits);
   EXPECT_FALSE(map.is_found);
   EXPECT_EQ(map.evidence, "0 parts of the image were found in the pattern, must be 40");
 }

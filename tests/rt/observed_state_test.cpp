@@ -10,6 +10,7 @@
 #include "rt/dashboard/snapshot.hpp"
 #include "rt/reason_text.hpp"
 #include "safety/gate.hpp"
+#include "tests/rt/observed_room.hpp"
 
 namespace holdfast::observer {
 namespace {
@@ -19,19 +20,9 @@ using dashboard::history_json;
 using dashboard::state_json;
 using namespace std::chrono_literals;
 
-constexpr std::uint32_t kDaemon = 7, kGuard = 8;
-
 /// Daemon and guard in virtual time; a test spoils one thing.
-class ObservedStateTest : public ::testing::Test {
+class ObservedStateTest : public ObservedRoom {
  protected:
-  [[nodiscard]] Clocks clocks() const { return {now_, now_ + 1'700'000'000s}; }
-
-  template <class M>
-  void send(M message, std::uint32_t source = kDaemon) {
-    bridge::dds::protect(message, source, ++counter_, bridge::dds::Topic<M>::policy().validity,
-                         clocks());
-    state_.take(message, clocks());
-  }
   static msg::MotionStop permitted() {
     msg::MotionStop m{};
     m.mode = static_cast<std::uint8_t>(safety::Mode::permitted);
@@ -64,10 +55,6 @@ class ObservedStateTest : public ::testing::Test {
     return state_.shown(now_);
   }
   Level level() { return after(0ns).level; }
-
-  ObservedState state_{ObserverParameters{}};
-  nanoseconds now_ = 1000s;
-  std::uint32_t counter_ = 0;
 };
 
 TEST_F(ObservedStateTest, ShowsNoDataBeforeAnythingIsHeard) {

@@ -7,6 +7,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "registration/pattern_refinement.hpp"
+#include "registration/rectified_image.hpp"
 
 namespace holdfast::test {
 

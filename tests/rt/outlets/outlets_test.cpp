@@ -8,6 +8,7 @@
 #include "rt/outlets/igtl_outlet.hpp"
 #include "rt/outlets/ros2_outlet.hpp"
 #include "safety/gate.hpp"
+#include "tests/rt/observed_room.hpp"
 
 namespace holdfast::outlets {
 namespace {
@@ -18,18 +19,9 @@ using safety::Mode;
 using safety::Reason;
 using namespace std::chrono_literals;
 
-constexpr std::uint32_t kDaemon = 7, kGuard = 8;
-
 /// A set-up at work in virtual time; a test spoils one thing.
-class Outlets : public ::testing::Test {
+class Outlets : public observer::ObservedRoom {
  protected:
-  [[nodiscard]] Clocks clocks() const { return {now_, now_ + 1'700'000'000s}; }
-  template <class M>
-  void send(M message, std::uint32_t source = kDaemon) {
-    bridge::dds::protect(message, source, ++counter_, bridge::dds::Topic<M>::policy().validity,
-                         clocks());
-    state_.take(message, clocks());
-  }
   void say(Mode mode, Reason cause, bool is_permitted) {
     msg::MotionStop m{};
     m.mode = static_cast<std::uint8_t>(mode);
@@ -85,10 +77,6 @@ class Outlets : public ::testing::Test {
   }
   [[nodiscard]] bool has_pose() const { return live_pose(state_, now_).has_value(); }
   [[nodiscard]] bool has_site() const { return live_site(state_, now_).has_value(); }
-
-  observer::ObservedState state_{observer::ObserverParameters{}};
-  nanoseconds now_ = 1000s;
-  std::uint32_t counter_ = 0;
 };
 
 TEST_F(Outlets, TellPosesOnlyWhilePermittedByDaemonAndGuard) {
