@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rt/daemon.hpp"
 
+#include <atomic>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <thread>
@@ -12,6 +14,7 @@
 
 #include "bridge/camera_source.hpp"
 #include "bridge/command_line.hpp"
+#include "bridge/service.hpp"
 #include "rt/control_cycle.hpp"
 #include "rt/core/memory_lock.hpp"
 #include "rt/daemon_recorder.hpp"
@@ -165,8 +168,12 @@ void run_daemon(const DaemonConfig& config) {
   const bridge::CameraSource camera{
       config.camera, [&intake](const bridge::CameraReport& report) { intake.on_report(report); }};
   spdlog::info("camera: {}", camera.description());
+  std::atomic<std::uint64_t> cycles_controlled{0}, cycles_published{0};
   CyclicThread control{thread_parameters(config.loop, "control", config.loop.control_priority, 0ns),
-                       [&cycle](const CycleInfo& info) { cycle.run(info); }};
+                       [&](const CycleInfo& info) {
+                         cycle.run(info);
+                         cycles_controlled.fetch_add(1, std::memory_order_relaxed);
+                       }};
   CyclicThread publishing{
       thread_parameters(config.loop, "publish", config.loop.publish_priority,
                         config.loop.publish_phase),
@@ -175,16 +182,21 @@ void run_daemon(const DaemonConfig& config) {
         publisher.run(cycle.reports(), cycle.withdrawals(), tracking.for_publishing(), inbox,
                       {counters.frames, counters.incomplete, counters.missing,
                        intake.frames_skipped(), intake.clock_sigma(), recorder.advisories()});
+        cycles_published.fetch_add(1, std::memory_order_relaxed);
       }};
   spdlog::info("running: domain {}, {} us loop, registration {:016x}", config.domain,
                config.loop.period / 1us, registration.id);
 
-  // 5. Until told to end: log what changed.
+  // 5. Until told to end: log what changed, and tell the service manager while both threads run.
+  bridge::service_is_ready();
+  bridge::Progress<2> progress;
   while (!bridge::is_interrupted()) {
+    if (progress.all_moved({cycles_controlled, cycles_published})) bridge::service_is_alive();
     log_changes(publisher.log());
     recorder.log_changes();
     std::this_thread::sleep_for(kHousekeepingPeriod);
   }
+  bridge::service_is_ending();
   control.stop();
   publishing.stop();
   publisher.publish_end();

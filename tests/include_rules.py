@@ -21,7 +21,7 @@ RULES = {
     "bridge/client/example": ([], [r"holdfast/client\.hpp$"]),
     "bridge": (["bridge", "safety", "perception", "registration", "rt/core"],
                [EIGEN, OPENCV, r"arv\.h$", r"glib", r"dds/", r"holdfast\.h$", r"toml\+\+/", r"fmt/", r"openssl/",
-                r"CLI/", r"nlohmann/", r"tiffio\.h$", r"zlib\.h$", r"SDL2/"]),
+                r"CLI/", r"nlohmann/", r"tiffio\.h$", r"zlib\.h$", r"SDL2/", r"systemd/"]),
     "bridge/openigtlink": (["bridge/openigtlink", "rt/core"], [EIGEN, r"igtl", r"fmt/"]),
     "bridge/http": (["bridge/http", "rt/core"], [r"boost/(asio|beast)/", r"fmt/"]),
     "rt/core": (["rt/core"], []),

@@ -10,6 +10,7 @@
 
 #include "bridge/command_line.hpp"
 #include "bridge/dds/endpoint.hpp"
+#include "bridge/service.hpp"
 #include "rt/core/error.hpp"
 #include "rt/guard/watchdog.hpp"
 
@@ -89,6 +90,7 @@ class GuardLoop {
     if (!answer.may_stroke_watchdog) watchdog_.give_up();
     if (now - t_stroked_ >= kStrokePeriod) {
       watchdog_.stroke();
+      bridge::service_is_alive();
       t_stroked_ = now;
     }
     if (is_change)
@@ -126,7 +128,9 @@ void run_guard(const GuardConfig& config) {
   GuardLoop loop(config);
   become_real_time(config);  // after the middleware's threads: they stay ordinary
   fmt::print(stderr, "guard: running on domain {}\n", config.domain);
+  bridge::service_is_ready();
   loop.run();
+  bridge::service_is_ending();
 }
 
 }  // namespace holdfast::guard

@@ -60,6 +60,7 @@ class Rig {
   /// SIGKILL to the daemon; the instant just before. restart_daemon() brings it back.
   std::chrono::nanoseconds kill_daemon();
   void restart_daemon();
+  [[nodiscard]] pid_t daemon_pid() const { return daemon_.value().pid(); }
 
   /// Ends every process so that its log is whole.
   void finish();
