@@ -5,8 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/QR>
-#include <Eigen/SVD>
 #include <opencv2/calib3d.hpp>
 
 #include "registration/triangulation.hpp"
@@ -14,6 +14,8 @@
 
 namespace holdfast::registration {
 namespace {
+
+constexpr double kVisibleVariance = 0.05;  // of the corners'
 
 using Pose = Eigen::Matrix<double, 6, 1>;
 
@@ -141,12 +143,13 @@ double covariance_inflation(const std::vector<ZoomViews>& held_out,
       const Eigen::MatrixXd jacobian = pose_jacobian(board, pose, zoom);
       spread -= jacobian * jacobian.colPivHouseholderQr().solve(spread);
       const Eigen::VectorXd residual = (observed(pair) - here) / corner_sigma_px;
-      const Eigen::BDCSVD<Eigen::MatrixXd> svd(spread, Eigen::ComputeThinU);
+      const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes{spread.transpose() * spread};
       // Directions in which the calibration's error is at all visible beside the corners' noise.
-      for (Eigen::Index k = 0; k < svd.singularValues().size(); ++k) {
-        const double variance = svd.singularValues()[k] * svd.singularValues()[k];
-        if (variance < 0.05) break;
-        const double along = svd.matrixU().col(k).dot(residual);
+      for (Eigen::Index k = 0; k < modes.eigenvalues().size(); ++k) {
+        const double variance = modes.eigenvalues()[k];
+        if (!(variance >= kVisibleVariance)) continue;
+        const double along =
+            (spread * modes.eigenvectors().col(k)).dot(residual) / std::sqrt(variance);
         excess += along * along - 1;
         predicted += variance;
       }

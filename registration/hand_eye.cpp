@@ -6,7 +6,6 @@
 #include <functional>
 
 #include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <fmt/format.h>
 
 #include "registration/working_volume.hpp"
@@ -28,8 +27,12 @@ Eigen::Vector3d spreads_of(const Points& points) {
   for (std::size_t i = 0; i < points.size(); ++i)
     matrix.col(static_cast<Eigen::Index>(i)) = points[i];
   matrix.colwise() -= matrix.rowwise().mean().eval();
-  return Eigen::JacobiSVD<Eigen::MatrixXd>{Eigen::MatrixXd{matrix}}.singularValues().head<3>() /
-         std::sqrt(static_cast<double>(points.size()));
+  const Eigen::Matrix3d scatter = matrix * matrix.transpose() / static_cast<double>(points.size());
+  return Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>{scatter, Eigen::EigenvaluesOnly}
+      .eigenvalues()
+      .cwiseMax(0.0)
+      .cwiseSqrt()
+      .reverse();
 }
 
 bool is_valid(const HandEyeSpot& spot) {

@@ -7,8 +7,8 @@
 #include <cstring>
 #include <limits>
 
+#include <Eigen/Geometry>
 #include <Eigen/LU>
-#include <Eigen/SVD>
 
 #include "rt/core/error.hpp"
 
@@ -151,8 +151,7 @@ class PlyReader {
     if (!((R * R.transpose() - Eigen::Matrix3d::Identity()).norm() < kRotationTolerance &&
           R.determinant() > 0))
       fail("has an R1 comment that is no rotation");
-    const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
-    mesh_.R_rectified_camera = svd.matrixU() * svd.matrixV().transpose();
+    mesh_.R_rectified_camera = Eigen::Quaterniond{R}.normalized().toRotationMatrix();
   }
 
   void read_property(std::string_view line, TextScanner& words) {

@@ -7,7 +7,6 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
-#include <Eigen/SVD>
 #include <boost/math/distributions/chi_squared.hpp>
 #include <boost/math/distributions/fisher_f.hpp>
 
@@ -31,9 +30,11 @@ Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
 
 bool is_a_line(const Eigen::Matrix3Xd& points) {
   const Eigen::Matrix3Xd centred = points.colwise() - points.rowwise().mean();
-  const Eigen::Vector3d spread =
-      Eigen::JacobiSVD<Eigen::MatrixXd>{Eigen::MatrixXd{centred}}.singularValues().head<3>();
-  return !(spread(1) > kLineRatioMin * spread(0));
+  const Eigen::Vector3d squares =  // of the spreads, the least first
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d>{centred * centred.transpose(),
+                                                     Eigen::EigenvaluesOnly}
+          .eigenvalues();
+  return !(squares(1) > kLineRatioMin * kLineRatioMin * squares(2));
 }
 
 /// The stacked problem: residual y = p_camera - (R p_ct + t), its covariance.
