@@ -201,7 +201,10 @@ ControlOutput control_step(Timestamp now, const ControlParameters& parameters,
   }
   output.decision.reasons.insert(parameters.advisories.with(safety::Severity::advisory));
   output.prediction = inputs.prediction;
-  output.sigma_target_mm = safety::judged_sigma_mm(inputs);
+  // The same number either way: a rotation into robot axes keeps it.
+  output.sigma_target_mm = output.decision.approved
+                               ? safety::sigma_max_mm(output.decision.approved->covariance())
+                               : safety::judged_sigma_mm(inputs);
   output.t_evidence = state.t_evidence;
   output.frame = state.newest_frame;
   output.t_exposure = state.tracking.t_exposure;

@@ -36,17 +36,11 @@ bool is_valid(const perception::MotionEstimate& estimate) noexcept {
          estimate.covariance.llt().info() == Eigen::Success;
 }
 
-/// How errors (dq, dtheta) about one point become errors about another; lever: from the former to
-/// the latter, camera axes. The other point's error is dq + dtheta x lever.
-Matrix6d transport(const Vector3d& lever_mm) noexcept {
-  Matrix6d J = Matrix6d::Identity();
-  J.topRightCorner<3, 3>() = -skew(lever_mm);
-  return J;
-}
-
 /// The smallest matrix of its eigenbasis that is nowhere below A nor below B (both positive
 /// definite): max(1, eigenvalue) of A measured in units of B, so that mm and rad never mix.
 Matrix6d upper_bound(const Matrix6d& A, const Matrix6d& B) noexcept {
+  // Nowhere below B already: every eigenvalue is above 1.
+  if (Eigen::LLT<Matrix6d>(A - B).info() == Eigen::Success) return 0.5 * (A + A.transpose());
   const Eigen::LLT<Matrix6d> factor(B);
   Matrix6d M = factor.matrixL().solve(A);
   M = factor.matrixL().solve(Matrix6d(M.transpose()));
@@ -116,16 +110,22 @@ void PoseFilter::start(const perception::MotionEstimate& estimate,
   estimate_covariance_ = estimate.covariance;
 }
 
+/// Errors (dq, dtheta) about one point become errors about another: lever is from the former to the
+/// latter, in camera axes; the other point's error is dq + dtheta x lever.
 void PoseFilter::move_pivot(const Vector3d& p_pivot_site_mm) noexcept {
   if (p_pivot_site_mm == p_pivot_site_mm_) return;
   const Vector3d lever = T_camera_site_.linear() * (p_pivot_site_mm - p_pivot_site_mm_);
-  const Matrix6d J = transport(lever);
-  Matrix12d F = Matrix12d::Zero();
-  F.topLeftCorner<6, 6>() = J;
-  F.bottomRightCorner<6, 6>() = J;
-  covariance_ = (F * covariance_ * F.transpose()).eval();
-  velocity_ = (J * velocity_).eval();
-  estimate_covariance_ = (J * estimate_covariance_ * J.transpose()).eval();
+  const Matrix3d L = -skew(lever);
+  // F·P·Fᵀ with F = [I L; 0 I] for the pose's error, and again for the velocity's.
+  auto& P = covariance_;
+  P.topRows<3>() += L * P.middleRows<3>(3);
+  P.middleRows<3>(6) += L * P.bottomRows<3>();
+  P.leftCols<3>() += P.middleCols<3>(3) * L.transpose();
+  P.middleCols<3>(6) += P.rightCols<3>() * L.transpose();
+  Matrix6d& E = estimate_covariance_;
+  E.topRows<3>() += L * E.bottomRows<3>();
+  E.leftCols<3>() += E.rightCols<3>() * L.transpose();
+  velocity_.head<3>() += L * velocity_.tail<3>();
   p_pivot_site_mm_ = p_pivot_site_mm;
 }
 
@@ -142,11 +142,14 @@ void PoseFilter::propagate(std::chrono::nanoseconds t,
   // Exp((w+dw)·dt)·Exp(dtheta)·R = Exp(J·dw·dt + R_turn·dtheta)·R_turn·R, with the left Jacobian J
   // of SO(3) to second order: turns between frames are below 0.1 rad.
   const Matrix3d W = skew(turn);
-  Matrix12d F = Matrix12d::Identity();
-  F.block<3, 3>(0, 6) = dt * Matrix3d::Identity();
-  F.block<3, 3>(3, 3) = R_turn;
-  F.block<3, 3>(3, 9) = dt * (Matrix3d::Identity() + W / 2 + W * W / 6);
-  covariance_ = (F * covariance_ * F.transpose()).eval();
+  const Matrix3d J = dt * (Matrix3d::Identity() + W / 2 + W * W / 6);
+  // F·P·Fᵀ with F = [I 0 dt·I 0; 0 R_turn 0 J; 0 0 I 0; 0 0 0 I]: rows first, then columns.
+  auto& P = covariance_;
+  P.topRows<3>() += dt * P.middleRows<3>(6);
+  P.middleRows<3>(3) = (R_turn * P.middleRows<3>(3) + J * P.bottomRows<3>()).eval();
+  P.leftCols<3>() += dt * P.middleCols<3>(6);
+  P.middleCols<3>(3) =
+      (P.middleCols<3>(3) * R_turn.transpose() + P.rightCols<3>() * J.transpose()).eval();
 
   for (int i = 0; i < 6; ++i) {
     const double density = i < 3 ? parameters.acceleration_density_mm2_per_s3

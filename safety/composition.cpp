@@ -15,21 +15,31 @@ Eigen::Matrix3d skew(const Eigen::Vector3d& a) noexcept {
   return matrix;
 }
 
+/// Of errors (position, rotation) about a point, the covariance about another that lies `arm` from
+/// it: the position's error there is dp - arm x dtheta.
+Matrix6d transported(const Eigen::Vector3d& arm, Matrix6d covariance) noexcept {
+  const Eigen::Matrix3d lever = -skew(arm);
+  covariance.topRows<3>() += lever * covariance.bottomRows<3>();
+  covariance.leftCols<3>() += covariance.rightCols<3>() * lever.transpose();
+  return covariance;
+}
+
 }  // namespace
 
 Matrix6d rotated(const Eigen::Matrix3d& R_a_b, const Matrix6d& covariance) noexcept {
-  Matrix6d rotation = Matrix6d::Zero();
-  rotation.topLeftCorner<3, 3>() = R_a_b;
-  rotation.bottomRightCorner<3, 3>() = R_a_b;
-  return rotation * covariance * rotation.transpose();
+  Matrix6d result;
+  for (int row : {0, 3})
+    for (int column : {0, 3}) {
+      const Eigen::Matrix3d block = R_a_b * covariance.block<3, 3>(row, column);
+      result.block<3, 3>(row, column) = block * R_a_b.transpose();
+    }
+  return result;
 }
 
 Matrix6d covariance_at_target(const PredictedPose& prediction,
                               const RegistrationInput& registration) noexcept {
   const Eigen::Vector3d arm = registration.p_target_site_mm - registration.T_site_ct.translation();
-  Matrix6d transport = Matrix6d::Identity();
-  transport.topRightCorner<3, 3>() = -skew(arm);
-  const Matrix6d site = transport * registration.covariance * transport.transpose();
+  const Matrix6d site = transported(arm, registration.covariance);
   const Matrix6d sum = prediction.covariance + rotated(prediction.T_camera_site.linear(), site);
   return 0.5 * (sum + sum.transpose());  // exactly symmetric
 }
@@ -42,10 +52,8 @@ Matrix6d covariance_at_target(const Inputs& inputs) noexcept {
   Matrix6d hand_eye = rotated(inputs.T_robot_camera.linear().transpose(), sigma.covariance);
   hand_eye.topLeftCorner<3, 3>().diagonal().array() += sigma.t_mm * sigma.t_mm;
   hand_eye.bottomRightCorner<3, 3>().diagonal().array() += sigma.r_rad * sigma.r_rad;
-  Matrix6d transport = Matrix6d::Identity();
-  transport.topRightCorner<3, 3>() = -skew(arm);
-  const Matrix6d sum = covariance_at_target(prediction, inputs.registration) +
-                       transport * hand_eye * transport.transpose();
+  const Matrix6d sum =
+      covariance_at_target(prediction, inputs.registration) + transported(arm, hand_eye);
   return 0.5 * (sum + sum.transpose());
 }
 

@@ -2,6 +2,11 @@
 #include "safety/crc32c.hpp"
 
 #include <array>
+#ifdef __SSE4_2__
+#include <cstring>
+
+#include <nmmintrin.h>
+#endif
 
 namespace holdfast::safety {
 namespace {
@@ -31,7 +36,7 @@ constexpr std::array<Table, kSlices> kTables = make_tables();
 
 }  // namespace
 
-std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t crc) noexcept {
+std::uint32_t crc32c_by_table(std::span<const std::byte> bytes, std::uint32_t crc) noexcept {
   std::uint32_t remainder = ~crc;
   while (bytes.size() >= kSlices) {
     std::uint32_t next = 0;
@@ -48,5 +53,24 @@ std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t crc) noexce
   }
   return ~remainder;
 }
+
+#ifdef __SSE4_2__
+std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t crc) noexcept {
+  std::uint64_t remainder = ~crc;
+  for (; bytes.size() >= sizeof(std::uint64_t); bytes = bytes.subspan(sizeof(std::uint64_t))) {
+    std::uint64_t word = 0;
+    std::memcpy(&word, bytes.data(), sizeof word);
+    remainder = _mm_crc32_u64(remainder, word);
+  }
+  auto rest = static_cast<std::uint32_t>(remainder);
+  for (const std::byte byte : bytes)
+    rest = _mm_crc32_u8(rest, std::to_integer<unsigned char>(byte));
+  return ~rest;
+}
+#else
+std::uint32_t crc32c(std::span<const std::byte> bytes, std::uint32_t crc) noexcept {
+  return crc32c_by_table(bytes, crc);
+}
+#endif
 
 }  // namespace holdfast::safety

@@ -13,4 +13,8 @@ namespace holdfast::safety {
 [[nodiscard]] std::uint32_t crc32c(std::span<const std::byte> bytes,
                                    std::uint32_t crc = 0) noexcept;
 
+/// The same by tables, for processors without an instruction for it: crc32c() is one or the other.
+[[nodiscard]] std::uint32_t crc32c_by_table(std::span<const std::byte> bytes,
+                                            std::uint32_t crc = 0) noexcept;
+
 }  // namespace holdfast::safety

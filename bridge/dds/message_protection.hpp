@@ -50,11 +50,10 @@ class CanonicalBytes {
   void append(const double& value) noexcept { append(std::bit_cast<std::uint64_t>(value)); }
   template <std::integral T>
   void append(const T& value) noexcept {
-    auto rest = static_cast<std::make_unsigned_t<T>>(value);
-    for (std::size_t i = 0; i < sizeof(T); ++i) {
-      bytes_[size_++] = static_cast<std::byte>(rest & 0xFFU);
-      if constexpr (sizeof(T) > 1) rest >>= 8U;
-    }
+    static_assert(std::endian::native == std::endian::little,
+                  "the canonical bytes are the value's");
+    std::memcpy(&bytes_[size_], &value, sizeof value);
+    size_ += sizeof value;
   }
   template <std::size_t N>
   void append(const char (&text)[N]) noexcept {

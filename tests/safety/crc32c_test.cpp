@@ -71,6 +71,16 @@ TEST(Crc32c, OverPiecesEqualsOverTheWhole) {
   }
 }
 
+TEST(Crc32c, ByTableIsTheSame) {
+  std::array<std::uint8_t, 61> data{};
+  std::iota(data.begin(), data.end(), std::uint8_t{200});
+  const auto whole = bytes_of(data);
+  for (std::size_t cut = 0; cut <= whole.size(); ++cut)
+    EXPECT_EQ(crc32c_by_table(whole.subspan(cut), crc32c(whole.first(cut))), crc32c(whole)) << cut;
+  const std::string_view digits = "123456789";
+  EXPECT_EQ(crc32c_by_table(bytes_of(digits)), 0xE3069283U);
+}
+
 TEST(Crc32c, ChangesWithEverySingleBit) {
   RecordProperty("requirement", "SR-40");
   Block block{};
