@@ -4,11 +4,12 @@
 #include <algorithm>
 
 #include "rt/core/error.hpp"
+#include "tests/fault/digest.hpp"
 
 namespace holdfast::fault {
 
-World permitted_world(const WorldOptions& options) {
-  World world(1, options);
+World permitted_world(const WorldOptions& options, std::uint64_t seed) {
+  World world(seed, options);
   int permitted_ms = 0;
   for (int ms = 0; ms < 5000 && permitted_ms < 300; ++ms)
     permitted_ms = world.step().is_permitted ? permitted_ms + 1 : 0;
@@ -24,9 +25,11 @@ RunResult run_fault(const World& permitted, const FaultClass& fault, std::uint64
   for (int ms = 0; ms < lead_ms; ++ms) (void)world.step();
   fault.disturb(world);
   RunResult result;
+  Digest digest;
   int over_ms = 0, withheld_ms = 0;
   for (int ms = 1; ms <= fault_ms; ++ms) {
     const Observation seen = world.step();
+    digest.add(seen);
     if (seen.is_withheld && withheld_ms == 0) withheld_ms = ms;
     if (!seen.is_permitted && result.reaction_ms < 0) {
       result.reaction_ms = ms;
@@ -36,19 +39,8 @@ RunResult run_fault(const World& permitted, const FaultClass& fault, std::uint64
     result.over_limit_max_ms = std::max(result.over_limit_max_ms, over_ms);
     if (seen.is_permitted) result.error_max_mm = std::max(result.error_max_mm, seen.error_mm);
   }
+  result.digest = digest.value();
   return result;
-}
-
-int false_stops(World world, std::uint64_t seed, std::int64_t ms) {
-  world.reseed(seed);
-  int stops = 0;
-  bool was_permitted = true;
-  for (std::int64_t i = 0; i < ms; ++i) {
-    const bool is_permitted = world.step().is_permitted;
-    stops += was_permitted && !is_permitted ? 1 : 0;
-    was_permitted = is_permitted;
-  }
-  return stops;
 }
 
 std::uint64_t run_seed(std::uint64_t seed, std::size_t index, int run) {

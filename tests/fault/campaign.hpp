@@ -16,6 +16,7 @@ struct RunResult {
   /// The gate's first decision to withhold to robot off, what is left of the millisecond of the
   /// decision counting as one; -1: the robot was off before, or the gate never withheld.
   int withheld_to_off_ms = -1;
+  std::uint64_t digest = 0;  ///< of all that was decided (tests/fault/digest.hpp)
   [[nodiscard]] bool is_hazard(const FaultClass& fault) const {
     return over_limit_max_ms > fault.over_limit_max_ms;
   }
@@ -26,15 +27,12 @@ struct RunResult {
 
 /// A world that has been permitted for a while, from which runs start. Throws RefusedError when it
 /// never is.
-[[nodiscard]] World permitted_world(const WorldOptions& options);
+[[nodiscard]] World permitted_world(const WorldOptions& options, std::uint64_t seed = 1);
 
 /// One run: the world goes on for a random part of two frames, then the fault stands for
 /// `fault_ms`. The same seed gives the same result.
 [[nodiscard]] RunResult run_fault(const World& permitted, const FaultClass& fault,
                                   std::uint64_t seed, int fault_ms = 400);
-
-/// Times the robot lost its permission in `ms` without any fault.
-[[nodiscard]] int false_stops(World world, std::uint64_t seed, std::int64_t ms);
 
 /// The seed of run `run` of class number `index`: what a failure prints and --replay takes.
 [[nodiscard]] std::uint64_t run_seed(std::uint64_t seed, std::size_t index, int run);

@@ -12,6 +12,8 @@
 #include "bridge/command_line.hpp"
 #include "rt/core/error.hpp"
 #include "tests/fault/campaign.hpp"
+#include "tests/fault/digest.hpp"
+#include "tests/fault/hours.hpp"
 #include "tests/fault/injections.hpp"
 
 namespace holdfast::fault {
@@ -21,6 +23,10 @@ struct Options {
   int runs = 200;
   std::uint64_t seed = 1;
   double fault_free_hours = 0.5;
+  int jobs = 1;
+  std::string results;
+  bool is_hours_only = false;
+  int replay_hour = -1;
   std::string json, xml;
   std::string replay_class;
   std::uint64_t replay_seed = 0;
@@ -32,6 +38,7 @@ struct ClassResult {
   int hazards = 0, late = 0, reaction_max_ms = 0, over_limit_max_ms = 0;
   int guarded_reaction_max_ms = 0, withheld_to_off_max_ms = 0;
   double error_max_mm = 0;
+  Digest digest;
 };
 
 /// Half of the runs with the guard, half without: either must do. The guard's own faults: with it.
@@ -43,6 +50,7 @@ ClassResult run_class(const World (&worlds)[2], std::size_t index, const Options
     const std::uint64_t seed = run_seed(options.seed, index, run);
     const bool has_guard = fault.is_of_guard || run % 2 == 0;
     const RunResult r = run_fault(worlds[has_guard ? 0 : 1], fault, seed);
+    total.digest.add(r.digest);
     total.reaction_max_ms = std::max(total.reaction_max_ms, r.reaction_ms);
     if (has_guard)
       total.guarded_reaction_max_ms = std::max(total.guarded_reaction_max_ms, r.reaction_ms);
@@ -75,6 +83,45 @@ int replay(const Options& options) {
     return r.is_hazard(fault) || r.is_late(fault) ? 1 : 0;
   }
   throw InputError("--replay: no fault class '" + options.replay_class + "'");
+}
+
+HoursOptions hours_options(const Options& options) {
+  return {.seed = options.seed,
+          .hours = options.fault_free_hours,
+          .jobs = options.jobs,
+          .results = options.results,
+          .is_progress = options.is_hours_only};
+}
+
+/// The fault-free hours alone.
+int hours_only(const Options& options) {
+  const HoursResult hours = run_hours(hours_options(options));
+  const double rate =
+      hours.virtual_hours > 0 ? static_cast<double>(hours.stops) / hours.virtual_hours : 0;
+  const nlohmann::ordered_json result{
+      {"virtual_hours", hours.virtual_hours},
+      {"false_stops", hours.stops},
+      {"false_stops_an_hour", rate},
+      {"false_stops_an_hour_upper_95", hours.rate_upper_95},
+      {"virtual_hours_digest", fmt::format("{:016x}", hours.digest)},
+      {"seed", options.seed}};
+  if (!options.json.empty()) bridge::write_file_atomically(options.json, result.dump(1) + "\n");
+  fmt::print("{}\n", result.dump(1));
+  return hours.stops == 0 ? 0 : 1;
+}
+
+/// Every false stop of one hour, and what each layer said.
+int replay_hour(const Options& options) {
+  std::vector<FalseStop> stops;
+  const Hour hour =
+      run_hour(options.seed, options.replay_hour, HoursOptions{}.hour_ms, lively_room(), &stops);
+  for (const FalseStop& stop : stops)
+    fmt::print("after {} ms: gate {} ({}), robot {}, guard {}\n", stop.ms,
+               safety::name(stop.seen.mode), safety::name(stop.seen.cause),
+               client::name(stop.seen.refusal), guard::name(stop.seen.guard_cause));
+  fmt::print("{{\"hour\":{},\"false_stops\":{},\"digest\":\"{:016x}\"}}\n", hour.number, hour.stops,
+             hour.digest);
+  return hour.stops == 0 ? 0 : 1;
 }
 
 nlohmann::json hunt(const Options& options, int& found) {
@@ -121,9 +168,9 @@ int campaign(const Options& options) {
         {"reaction_ms_declared", fault_classes()[i].reaction_max_ms}};
     all.hazards += r.hazards;
     all.late += r.late;
+    all.digest.add(r.digest.value());
   }
-  const auto fault_free_ms = static_cast<std::int64_t>(options.fault_free_hours * 3.6e6);
-  const int stops = false_stops(worlds[0], options.seed, fault_free_ms);
+  const HoursResult hours = run_hours(hours_options(options));
   int found = 0;
   const nlohmann::json bugs = hunt(options, found);
   const std::size_t classes = fault_classes().size();
@@ -131,8 +178,11 @@ int campaign(const Options& options) {
                                  {"runs", classes * static_cast<std::size_t>(options.runs)},
                                  {"hazards", all.hazards},
                                  {"late", all.late},
-                                 {"false_stops", stops},
-                                 {"virtual_hours", options.fault_free_hours},
+                                 {"digest", fmt::format("{:016x}", all.digest.value())},
+                                 {"false_stops", hours.stops},
+                                 {"false_stops_an_hour_upper_95", hours.rate_upper_95},
+                                 {"virtual_hours", hours.virtual_hours},
+                                 {"virtual_hours_digest", fmt::format("{:016x}", hours.digest)},
                                  {"error_limit_mm", kErrorLimitMm},
                                  {"worst_reaction_ms", worst},
                                  {"worst_reaction_with_guard_ms", guarded},
@@ -142,13 +192,13 @@ int campaign(const Options& options) {
                                  {"seeded_bugs", kBugCount},
                                  {"seeded_bugs_found_by", bugs},
                                  {"seed", options.seed}};
-  const bool is_good = all.hazards == 0 && all.late == 0 && stops == 0;
+  const bool is_good = all.hazards == 0 && all.late == 0 && hours.stops == 0;
   if (!options.xml.empty()) write_xml(options.xml, is_good, found == kBugCount);
   if (!options.json.empty()) bridge::write_file_atomically(options.json, result.dump(1) + "\n");
   fmt::print("{}\n", result.dump(1));
   if (is_good && found == kBugCount) return 0;
   fmt::print(stderr, "faults: {} hazards, {} late, {} false stops; {} of {} seeded bugs found\n",
-             all.hazards, all.late, stops, found, kBugCount);
+             all.hazards, all.late, hours.stops, found, kBugCount);
   return 1;
 }
 
@@ -202,6 +252,8 @@ int main(int argc, char** argv) {
       "holdfast-fault"};
   app.footer(
       "Example: holdfast-fault --runs 200 --seed 1 --json faults.json\n"
+      "False stops alone: holdfast-fault --hours-only --fault-free-hours 1000 --jobs 2 "
+      "--results hours.json\n"
       "The end-to-end protection alone: holdfast-fault --injections 10000000\n"
       "Exit codes: 0 no hazard, nothing late, no false stop, every seeded bug found; 1 not so.");
   holdfast::fault::Options options;
@@ -212,6 +264,14 @@ int main(int argc, char** argv) {
   app.add_option("--fault-free-hours", options.fault_free_hours, "virtual, for false stops")
       ->check(CLI::Range(0.0, 1e5))
       ->capture_default_str();
+  app.add_flag("--hours-only", options.is_hours_only, "the fault-free hours without the campaign");
+  app.add_option("--jobs", options.jobs, "threads for the fault-free hours")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
+  app.add_option("--results", options.results,
+                 "file that keeps each fault-free hour; a later run goes on from it");
+  app.add_option("--hour", options.replay_hour, "one fault-free hour, with its false stops")
+      ->check(CLI::Range(0, 100'000'000));
   app.add_option("--json", options.json, "the result, as printed");
   app.add_option("--xml", options.xml, "as GoogleTest writes it, for the trace");
   app.add_option("--replay", options.replay_class, "one run of this class, by --replay-seed");
@@ -225,6 +285,14 @@ int main(int argc, char** argv) {
     holdfast::bridge::catch_interrupts();
     if (options.injections > 0) {
       code = holdfast::fault::attack_messages(options);
+      return;
+    }
+    if (options.replay_hour >= 0) {
+      code = holdfast::fault::replay_hour(options);
+      return;
+    }
+    if (options.is_hours_only) {
+      code = holdfast::fault::hours_only(options);
       return;
     }
     code = options.replay_class.empty() ? holdfast::fault::campaign(options)

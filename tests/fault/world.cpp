@@ -61,6 +61,8 @@ World::World(std::uint64_t seed, const WorldOptions& options)
       client_(client_parameters(options)) {
   readings_.registration = registration_;
   parameters_.optics_are_fixed = false;
+  if (options.frame_lateness) parameters_.limits.frame_lateness = *options.frame_lateness;
+  if (options_.is_lively) draw_motion();
 }
 
 bool World::happens(double probability) {
@@ -99,7 +101,7 @@ void World::run_loop() {
   is_input_corrupt_ = false;
   const nanoseconds lost = t_last_cycle_ == nanoseconds(0) ? kStep : now_ - t_last_cycle_;
   t_last_cycle_ = now_;
-  readings_.loop.wake_lateness = d.wake_lateness + lost - kStep;
+  readings_.loop.wake_lateness = d.wake_lateness + lost - kStep + unrest(milliseconds(1));
   readings_.loop.clock_divergence = d.has_clock_step ? milliseconds(5) : nanoseconds(0);
   readings_.loop.second_publisher = d.has_second_publisher;
   if (d.has_overflow) readings_.loop.internal_fault = true;
@@ -150,6 +152,10 @@ Observation World::run_robot() {
   Observation seen;
   seen.is_permitted = pose.has_value();
   seen.is_withheld = is_withheld_;
+  seen.mode = state_.gate.mode;
+  seen.cause = state_.gate.cause;
+  seen.refusal = permission.refusal;
+  seen.guard_cause = guard_cause_;
   if (!pose) return seen;
   Eigen::Isometry3d T_robot_ct = Eigen::Isometry3d::Identity();
   const auto& q = pose->rotation_xyzw;

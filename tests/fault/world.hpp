@@ -105,13 +105,29 @@ struct Disturbance {
 struct WorldOptions {
   bool has_guard = true;
   Bug bug = Bug::none;
+  /// A healthy room is not still either: drawn motion, the tracker's noise as its covariance says,
+  /// delays that vary, encoders that flicker; all within what a sound set-up shows.
+  bool is_lively = false;
+  /// In place of the gate's own limit: one that is too strict must show as false stops.
+  std::optional<nanoseconds> frame_lateness;
+};
+
+/// How the site moves. As it stands: 2 mm/s to and fro with a small turn; a lively room draws it.
+struct Motion {
+  Eigen::Vector3d direction = Eigen::Vector3d::UnitX();
+  double amplitude_mm = 2, rate_rad_per_s = 1, phase_rad = 0;
+  double turn_rad = 0.01, turn_rate_rad_per_s = 0.7, turn_phase_rad = 0;
 };
 
 /// What one millisecond showed.
 struct Observation {
   bool is_permitted = false;  ///< the robot's laser-enable output
   double error_mm = 0;  ///< of the pose that the robot acts on, at the target; 0: not permitted
-  bool is_withheld = false;  ///< the gate's newest decision is to withhold
+  bool is_withheld = false;                         ///< the gate's newest decision is to withhold
+  safety::Mode mode = safety::Mode::init;           ///< the gate's
+  safety::Reason cause = safety::Reason::none;      ///< the gate's
+  client::Refusal refusal = client::Refusal::none;  ///< the robot's
+  guard::GuardCause guard_cause = guard::GuardCause::none;
 };
 
 class World {
@@ -143,6 +159,10 @@ class World {
   [[nodiscard]] Eigen::Isometry3d T_camera_site_true() const;
   [[nodiscard]] bridge::dds::Clocks clocks() const;
   [[nodiscard]] bool happens(double probability);
+  void draw_motion();
+  /// Between nothing and `most` in a lively room, else nothing.
+  [[nodiscard]] nanoseconds unrest(nanoseconds most);
+  void add_noise(perception::MotionEstimate& motion, std::normal_distribution<double>& noise);
   void run_scheduler();
   void suspend_daemon();
   void resume_daemon();
@@ -173,6 +193,7 @@ class World {
   std::uint64_t steps_ = 0;
 
   // Truth
+  Motion motion_;
   double extra_x_mm_ = 0, extra_turn_rad_ = 0, estimate_slide_mm_ = 0;
   bool has_jumped_ = false;
   Eigen::Isometry3d T_robot_camera_ = Eigen::Isometry3d::Identity();
@@ -229,6 +250,7 @@ class World {
   std::uint32_t guard_counter_ = 0, robot_counter_ = 0;
   std::optional<msg::CompensatedPose> last_pose_;
   std::deque<Envelope> wire_;
+  nanoseconds t_newest_arrival_{};  ///< a wire that delays does not reorder
   std::optional<Envelope> recorded_;
 
   guard::GuardCore guard_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The site, the camera above it and the tracker: what the control side is told, and when.
 #include <cmath>
+#include <numbers>
 
 #include "tests/fault/world.hpp"
 #include "tests/rt/virtual_inputs.hpp"
@@ -14,13 +15,32 @@ constexpr nanoseconds kFramePeriod = microseconds(33'333);
 
 }  // namespace
 
-/// 2 mm/s to and fro, and what the disturbance adds.
+void World::draw_motion() {
+  const double heading_rad = uniform(0, 2 * std::numbers::pi);
+  motion_.direction =
+      Eigen::Vector3d(std::cos(heading_rad), std::sin(heading_rad), uniform(-0.2, 0.2));
+  motion_.amplitude_mm = uniform(0, 2);
+  motion_.rate_rad_per_s = uniform(0.2, 1.5);
+  motion_.phase_rad = uniform(0, 2 * std::numbers::pi);
+  motion_.turn_rad = uniform(0, 0.02);
+  motion_.turn_rate_rad_per_s = uniform(0.2, 1.5);
+  motion_.turn_phase_rad = uniform(0, 2 * std::numbers::pi);
+}
+
+nanoseconds World::unrest(nanoseconds most) {
+  if (!options_.is_lively) return nanoseconds(0);
+  return nanoseconds(std::uniform_int_distribution<std::int64_t>(0, most.count())(random_));
+}
+
+/// To and fro, and what the disturbance adds.
 Eigen::Isometry3d World::T_camera_site_true() const {
   const double s = std::chrono::duration<double>(now_).count();
+  const Motion& m = motion_;
   Eigen::Isometry3d T = Eigen::Isometry3d::Identity();
-  T.translation().x() = 2 * std::sin(s) + extra_x_mm_;
-  const Eigen::AngleAxisd turn(0.01 * std::sin(0.7 * s) + extra_turn_rad_,
-                               Eigen::Vector3d::UnitZ());
+  T.translation() = m.amplitude_mm * std::sin(m.rate_rad_per_s * s + m.phase_rad) * m.direction;
+  T.translation().x() += extra_x_mm_;
+  const double turn_rad = m.turn_rad * std::sin(m.turn_rate_rad_per_s * s + m.turn_phase_rad);
+  const Eigen::AngleAxisd turn(turn_rad + extra_turn_rad_, Eigen::Vector3d::UnitZ());
   T.linear() = turn.toRotationMatrix();
   return T;
 }
@@ -35,12 +55,29 @@ void World::move_site() {
   estimate_slide_mm_ += disturbance.estimate_rate_mm_per_s * 1e-3;
 }
 
+/// A lively room's: in all six directions about the pivot, as large as the covariance says.
+void World::add_noise(perception::MotionEstimate& motion, std::normal_distribution<double>& noise) {
+  auto t_mm = motion.T_camera_site.translation();
+  if (!options_.is_lively) {
+    for (int axis = 0; axis < 3; ++axis) t_mm[axis] += noise(random_);
+    return;
+  }
+  Eigen::Matrix<double, 6, 1> error;
+  for (int i = 0; i < 6; ++i)
+    error[i] = std::sqrt(motion.covariance(i, i)) * noise(random_) / noise.stddev();
+  const Eigen::Vector3d p_pivot_mm = motion.T_camera_site * motion.p_pivot_site_mm;
+  const double angle_rad = error.tail<3>().norm();
+  const Eigen::AngleAxisd turn(angle_rad, error.tail<3>() / angle_rad);
+  motion.T_camera_site.linear() = turn * motion.T_camera_site.linear();
+  t_mm = p_pivot_mm + error.head<3>() - motion.T_camera_site.linear() * motion.p_pivot_site_mm;
+}
+
 perception::MotionEstimate World::estimate() {
   const Disturbance& d = disturbance;
   perception::MotionEstimate motion = rt::testing::healthy_estimate(now_ + d.exposure_error);
   motion.T_camera_site = T_camera_site_true();
   std::normal_distribution<double> noise(0, 0.003);
-  for (int axis = 0; axis < 3; ++axis) motion.T_camera_site.translation()[axis] += noise(random_);
+  add_noise(motion, noise);
   motion.T_camera_site.translation().y() += d.estimate_offset_mm + estimate_slide_mm_;
   // A tracker that does not know of a zoom takes it for an approach (docs/safety/hazards.md).
   const double pivot_mm = motion.p_pivot_site_mm.z();
@@ -54,7 +91,8 @@ perception::MotionEstimate World::estimate() {
   if (options_.bug != Bug::covariance_not_filled_honestly)
     motion.covariance *= d.covariance_scale * d.covariance_scale;
   if (d.covariance_scale > 1)
-    motion.T_camera_site.translation().y() += 0.01 * d.covariance_scale * noise(random_) / 0.003;
+    motion.T_camera_site.translation().y() +=
+        0.01 * d.covariance_scale * noise(random_) / noise.stddev();
   if (d.is_degraded) motion.status = perception::TrackingStatus::degraded;
   if (d.has_few_inliers) motion.inliers = 8;
   if (d.has_bunched_inliers) motion.inlier_spread = 0.05;
@@ -83,8 +121,9 @@ void World::run_camera() {
       d.is_camera_silent || d.is_camera_disconnected || (d.is_skipping_frames && frame_ % 2 == 0);
   if (is_missing && options_.bug != Bug::silence_reported_as_frames) return;
   Pending p;
-  p.t_arrival = now_ + milliseconds(6) + d.frame_delay;
-  p.t_estimate = now_ + milliseconds(16) + d.frame_delay + d.tracker_delay;
+  p.t_arrival = now_ + milliseconds(6) + d.frame_delay + unrest(milliseconds(2));
+  p.t_estimate =
+      now_ + milliseconds(16) + d.frame_delay + d.tracker_delay + unrest(milliseconds(10));
   p.arrival.frame = frame_;
   p.arrival.t_exposure = now_ + d.exposure_error;
   if (options_.bug != Bug::faults_not_reported) {

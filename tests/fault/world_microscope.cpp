@@ -43,10 +43,13 @@ void World::run_microscope() {
   }
   if (is_due) {
     const double zoom = d.is_encoder_stuck ? 1 : zoom_true();
-    const double focus_mm = registration_.focus_mm + (d.is_encoder_stuck ? 0 : d.focus_step_mm);
-    const can::StateMessage state{{registration_.zoom * zoom + d.encoder_error, focus_mm, 50},
-                                  d.is_drive_moving,
-                                  state_counter_};
+    const double flicker = options_.is_lively ? uniform(-1, 1) : 0;
+    const double focus_mm =
+        registration_.focus_mm + (d.is_encoder_stuck ? 0 : d.focus_step_mm) + 0.1 * flicker;
+    const can::StateMessage state{
+        {registration_.zoom * zoom + d.encoder_error + 1e-3 * flicker, focus_mm, 50},
+        d.is_drive_moving,
+        state_counter_};
     state_counter_ = (state_counter_ + (d.is_node_skipping ? 2 : 1)) & 0x0f;
     can::Frame frame = encode(state, false);
     if (d.is_node_corrupt) frame.data[static_cast<std::size_t>(uniform(0, 7.99))] ^= 0x10;

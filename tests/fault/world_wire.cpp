@@ -81,6 +81,9 @@ void World::publish_pose(const rt::ControlOutput& output) {
 void World::send(Envelope e) {
   const Disturbance& d = disturbance;
   e.t_arrival = now_ + microseconds(100) + d.wire_delay;
+  if (options_.is_lively)
+    e.t_arrival = t_newest_arrival_ =
+        std::max(t_newest_arrival_, e.t_arrival + unrest(microseconds(1500)));
   if (d.is_cut_to_robot || (e.stop && d.is_cut_stops) || (e.pose && d.is_cut_poses)) return;
   if (!recorded_ && e.pose) recorded_ = e;
   if (happens(d.loss)) return;
@@ -108,11 +111,13 @@ void World::run_wire() {
     e.t_arrival = now_;
     wire_.push_back(e);
   }
-  std::stable_sort(wire_.begin(), wire_.end(),
-                   [](const Envelope& a, const Envelope& b) { return a.t_arrival < b.t_arrival; });
-  while (!wire_.empty() && wire_.front().t_arrival <= now_) {
-    const Envelope e = wire_.front();
-    wire_.pop_front();
+  const auto is_earlier = [](const Envelope& a, const Envelope& b) {
+    return a.t_arrival < b.t_arrival;
+  };
+  if (!std::is_sorted(wire_.begin(), wire_.end(), is_earlier))
+    std::stable_sort(wire_.begin(), wire_.end(), is_earlier);
+  for (; !wire_.empty() && wire_.front().t_arrival <= now_; wire_.pop_front()) {
+    const Envelope& e = wire_.front();
     if (e.stop) {
       client_.take(*e.stop, clocks());
       tell_guard(*e.stop);
