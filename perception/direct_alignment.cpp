@@ -239,6 +239,13 @@ Alignment DirectAligner::align(const DirectTemplate& patches, const Pyramid& ima
   return out;
 }
 
+std::size_t DirectAligner::inliers(std::span<Eigen::Vector3d> p_site_mm) const noexcept {
+  std::size_t count = 0;
+  for (const Row& row : impl_->rows)
+    if (row.robust > 0 && count < p_site_mm.size()) p_site_mm[count++] = row.geometry->p_site_mm;
+  return count;
+}
+
 Testimony DirectAligner::ask(const TemplateLevel& witnesses, const Pyramid& image,
                              const Eigen::Isometry3d& T_camera_site) const {
   constexpr double kToleratedPx = 0.5, kSigmas2 = 9, kLikenessMin = 0.5;

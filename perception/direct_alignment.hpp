@@ -10,6 +10,7 @@
 
 #include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -65,6 +66,9 @@ class DirectAligner {
   /// From the level `coarsest` (0: full size) down to full size. One thread at a time.
   [[nodiscard]] Alignment align(const DirectTemplate& patches, const Pyramid& image,
                                 const Eigen::Isometry3d& T_start, int coarsest);
+  /// Where the patches that had a say in the last alignment lie on the site, as many as there is
+  /// room for; how many that are.
+  [[nodiscard]] std::size_t inliers(std::span<Eigen::Vector3d> p_site_mm) const noexcept;
   /// The noise is that of the last alignment.
   [[nodiscard]] Testimony ask(const TemplateLevel& witnesses, const Pyramid& image,
                               const Eigen::Isometry3d& T_camera_site) const;

@@ -36,7 +36,9 @@ TrackingReason DirectTracker::Impl::unsound(const Alignment& a) const {
   return TrackingReason::none;
 }
 
-void DirectTracker::Impl::fill(const Alignment& a, MotionEstimate& out) const {
+/// Of the newest alignment by the keyframe in use.
+void DirectTracker::Impl::fill(const Alignment& a, MotionEstimate& out) {
+  has_inliers = true;
   set_pose(a.T_camera_site, a.covariance, key->given.site, out);
   out.features = static_cast<int>(key->patches[0].size());
   out.matches = a.quality.visible;
@@ -149,6 +151,7 @@ void DirectTracker::Impl::compare_features(const cv::Mat& image, MotionEstimate&
     if (!found.fit) return;
   }
   if (key->features.objection() != TrackingReason::check_disagreement) return;
+  has_inliers = false;  // unless the other is better
   const Eigen::Isometry3d T_since =
       out.T_camera_site * check->of.T_camera_site.inverse(Eigen::Isometry);
   const Alignment other =
@@ -230,11 +233,20 @@ TrackingReason DirectTracker::set_keyframe(const cv::Mat& image, const SiteGeome
   return TrackingReason::none;
 }
 
+std::size_t DirectTracker::inliers(std::span<Eigen::Vector3d> p_camera_mm) const noexcept {
+  const Impl& s = *impl_;
+  if (!s.has_inliers || !s.T_newest) return 0;
+  const std::size_t count = s.key->aligner.inliers(p_camera_mm);
+  for (Eigen::Vector3d& p : p_camera_mm.first(count)) p = *s.T_newest * p;
+  return count;
+}
+
 MotionEstimate DirectTracker::track(const cv::Mat& image, std::chrono::nanoseconds t_exposure) {
   Impl& s = *impl_;
   MotionEstimate out;
   out.t_exposure = t_exposure;
   const auto start = std::chrono::steady_clock::now();
+  s.has_inliers = false;
   if (s.key != nullptr) out.reason = unusable_image(s.camera, image);
   if (out.reason == TrackingReason::none && s.t_newest && t_exposure <= *s.t_newest)
     out.reason = TrackingReason::time_not_increasing;

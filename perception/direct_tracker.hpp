@@ -10,6 +10,7 @@
 #pragma once
 
 #include <memory>
+#include <span>
 
 #include <opencv2/core.hpp>
 
@@ -41,6 +42,11 @@ class DirectTracker {
   /// features (unless it has its own thread) and the search after a jolt take some and give it
   /// back: nothing grows.
   [[nodiscard]] MotionEstimate track(const cv::Mat& image, std::chrono::nanoseconds t_exposure);
+
+  /// Where the patches with a say in the newest estimate are now, camera, mm: as many as there is
+  /// room for (512 hold all). How many that are: 0 when it is lost, or changed after the patches
+  /// were asked. For display. Takes no memory; the thread of track().
+  [[nodiscard]] std::size_t inliers(std::span<Eigen::Vector3d> p_camera_mm) const noexcept;
 
  private:
   struct Impl;

@@ -31,6 +31,7 @@ struct DirectTracker::Impl {
   ImageShift shift;
   std::optional<Eigen::Isometry3d> T_newest, T_before;  // of the last frames, if not lost
   std::optional<std::chrono::nanoseconds> t_newest;
+  bool has_inliers = false;  // what the aligner of the keyframe in use did last is the estimate
 
   Impl(const CameraModel& c, const TrackerParameters& p) : camera(c), parameters(p), ties(c, p) {
     camera.distortion = c.distortion.clone();
@@ -44,7 +45,7 @@ struct DirectTracker::Impl {
   [[nodiscard]] Eigen::Isometry3d predicted();
   bool accept(const Alignment& alignment, MotionEstimate& out);
   [[nodiscard]] TrackingReason unsound(const Alignment& alignment) const;
-  void fill(const Alignment& alignment, MotionEstimate& out) const;
+  void fill(const Alignment& alignment, MotionEstimate& out);
   void compare_chain(MotionEstimate& out);
   void compare_features(const cv::Mat& image, MotionEstimate& out);
   void object(MotionEstimate& out) const;

@@ -20,6 +20,7 @@ void DirectTracker::Impl::use(TiedKeyframe* next) {
   const Eigen::Isometry3d T_key_to = T_to_key.inverse(Eigen::Isometry);
   if (T_newest) *T_newest = *T_newest * T_key_to;
   if (T_before) *T_before = *T_before * T_key_to;
+  has_inliers = false;
   std::swap(key->chain, to.chain);
   to.chain.rebase(T_to_key);
   key = &to;
@@ -61,6 +62,7 @@ void DirectTracker::Impl::tend_ties(const cv::Mat& image, MotionEstimate& out) {
   degrade();
   if (verdict.of_first.is_solved) {
     fill(verdict.of_first, out);
+    has_inliers = false;  // the first's aligner may have been asked more since
     out.keyframe = 0;
     T_newest = out.T_camera_site;
     T_before.reset();
