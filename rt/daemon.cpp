@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <optional>
 #include <string>
+#include <system_error>
 #include <thread>
 #include <vector>
 
@@ -190,10 +191,15 @@ void run_daemon(const DaemonConfig& config) {
   // 5. Until told to end: log what changed, and tell the service manager while both threads run.
   bridge::service_is_ready();
   bridge::Progress<2> progress;
+  int live_view_error = 0;
   while (!bridge::is_interrupted()) {
     if (progress.all_moved({cycles_controlled, cycles_published})) bridge::service_is_alive();
     log_changes(publisher.log());
     recorder.log_changes();
+    if (const int error = tracking.live_view_error(); error != live_view_error) {
+      live_view_error = error;
+      if (error != 0) spdlog::warn("live view: {}", std::generic_category().message(error));
+    }
     std::this_thread::sleep_for(kHousekeepingPeriod);
   }
   bridge::service_is_ending();

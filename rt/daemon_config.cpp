@@ -189,6 +189,19 @@ std::optional<RecorderConfig> read_recorder(const ConfigSection& root) {
   return recorder;
 }
 
+std::optional<LiveViewConfig> read_live_view(const ConfigSection& root) {
+  if (!root.has("live_view")) return std::nullopt;
+  const ConfigSection section = root.section("live_view");
+  LiveViewConfig live;
+  live.file = section.path("file");
+  live.width_max_px = section.integer("width_max_px", live.width_max_px, {64, 1280});
+  // Slower, a picture would be too old to be shown before the next one comes.
+  live.rate_max_hz = section.number("rate_max_hz", live.rate_max_hz, {5, 60});
+  if (const auto what = bridge::invalid_live_file(live.file))
+    throw InputError(fmt::format("{}: {}", section.where("file"), *what));
+  return live;
+}
+
 /// The target the file states, else the first one that the registration was judged at.
 Eigen::Vector3d target_of(const ConfigSection& section, const std::vector<double>& stated,
                           const registration::Registration& registration) {
@@ -229,6 +242,7 @@ DaemonConfig load_daemon_config(const std::filesystem::path& file) {
   config.limits = read_limits(root.section("safety"), config.camera.frame_rate_hz);
   RobotPlace robot = read_robot_place(root.section("robot"));
   config.recorder = read_recorder(root);
+  config.live_view = read_live_view(root);
   const ConfigSection registration = root.section("registration");
   const std::filesystem::path calibration_file = root.section("camera").path("calibration");
   const std::filesystem::path registration_file = registration.path("file");

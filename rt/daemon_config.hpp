@@ -12,6 +12,7 @@
 #include "perception/camera_model.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "registration/registration_file.hpp"
+#include "rt/live_view.hpp"
 #include "rt/optics_thread.hpp"
 #include "rt/pose_filter.hpp"
 #include "rt/recorder_config.hpp"
@@ -53,7 +54,8 @@ struct DaemonConfig {
   safety::HandEyeSigma hand_eye_sigma;
   PoseFilterParameters filter;
   safety::Limits limits;
-  std::optional<RecorderConfig> recorder;  ///< absent: nothing is recorded
+  std::optional<RecorderConfig> recorder;   ///< absent: nothing is recorded
+  std::optional<LiveViewConfig> live_view;  ///< absent: no picture leaves the daemon
 };
 
 /// Reads `file` (annotated example: config/holdfastd.toml), the calibration and the registration

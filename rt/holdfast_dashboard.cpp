@@ -12,6 +12,7 @@
 namespace {
 
 struct Options {
+  std::filesystem::path live_view;
   std::filesystem::path config;
   std::optional<int> domain, port;
   bool is_check_only = false;
@@ -32,6 +33,7 @@ void run(const Options& options) {
   take(config.surfaces.ct, options.surfaces.ct);
   take(config.surfaces.reconstruction, options.surfaces.reconstruction);
   take(config.surfaces.registration, options.surfaces.registration);
+  take(config.live_view, options.live_view);
   if (options.is_check_only) {
     holdfast::bridge::check_http(config.http);
     (void)holdfast::dashboard::read_surfaces(config.surfaces);
@@ -71,6 +73,7 @@ int main(int argc, char** argv) {
   app.add_option("--reconstruction", options.surfaces.reconstruction, "reconstructed surface");
   app.add_option("--registration", options.surfaces.registration,
                  "registration.json that places the CT");
+  app.add_option("--live-view", options.live_view, "file of holdfastd's [live_view]");
   app.callback([&options] { run(options); });
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

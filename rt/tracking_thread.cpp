@@ -52,6 +52,7 @@ perception::DirectTracker make_tracker(const DaemonConfig& config) {
 
 TrackingThread::TrackingThread(const DaemonConfig& config, FrameIntake& intake) : intake_(intake) {
   perception::DirectTracker tracker = make_tracker(config);
+  if (config.live_view) live_.emplace(*config.live_view, config.calibration, config.tracker.mask);
   thread_ =
       std::thread{[this, id = config.registration.id(), tracker = std::move(tracker)]() mutable {
         IntakeFrame frame;
@@ -64,6 +65,7 @@ TrackingThread::TrackingThread(const DaemonConfig& config, FrameIntake& intake) 
           estimate.t_published = monotonic_now();
           for_control_.publish(estimate);
           for_publishing_.publish(estimate);
+          if (live_) live_->offer(frame.image, frame.frame, estimate.motion, tracker);
         }
       }};
   pthread_setname_np(thread_.native_handle(), "tracker");

@@ -23,6 +23,7 @@ PROGRAMS = [
     ("holdfast-bench-handover", [], ["--exchanges", "10000000"]),
     ("holdfast-bench-recorder", [], ["--seconds", "2"]),
     ("holdfast-bench-dashboard", [], ["--seconds", "3"]),
+    ("holdfast-bench-dashboard", ["--live"], ["--live", "--seconds", "3"]),
     ("holdfast-sim", ["reactions", "--runs", "200"], ["reactions", "--runs", "10"]),
     ("holdfast-sim", ["kills", "--runs", "100"], ["kills", "--runs", "3"]),
 ]

@@ -9,6 +9,7 @@
 
 #include "bridge/command_line.hpp"
 #include "rt/core/error.hpp"
+#include "rt/dashboard/live_answer.hpp"
 #include "rt/dashboard/snapshot.hpp"
 #include "rt/observer/observer.hpp"
 
@@ -40,6 +41,7 @@ constexpr PageFile kPageFiles[] = {
     {"/uplot.css", "uplot.css", "text/css; charset=utf-8"},
     {"/main.js", "main.js", "text/javascript; charset=utf-8"},
     {"/freshness.js", "freshness.js", "text/javascript; charset=utf-8"},
+    {"/live.js", "live.js", "text/javascript; charset=utf-8"},
     {"/figures.js", "figures.js", "text/javascript; charset=utf-8"},
     {"/plots.js", "plots.js", "text/javascript; charset=utf-8"},
     {"/surfaces.js", "surfaces.js", "text/javascript; charset=utf-8"},
@@ -105,6 +107,9 @@ void run_dashboard(const DashboardConfig& config) {
              shared_answer([&observer](Clocks now) { return state_json(observer.state(), now); }));
   server.add("/history", "application/json",
              shared_answer([&observer](Clocks) { return history_json(observer.state()); }));
+  LiveAnswer live(config.live_view);
+  server.add("/live", "application/octet-stream",
+             shared_answer([&live](Clocks now) { return live.compose(now); }));
   fmt::print(stderr, "dashboard: domain {} on http://{}:{}/\n", config.observer.domain,
              http.address, server.port());
   server.run(kLookPeriod, [&observer] {

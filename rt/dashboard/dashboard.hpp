@@ -16,7 +16,8 @@ struct DashboardConfig {
   observer::ObserverConfig observer;
   bridge::HttpParameters http;
   SurfaceFiles surfaces;
-  std::filesystem::path page;  ///< folder of the page's files; empty: those beside the program
+  std::filesystem::path live_view;  ///< the file that holdfastd writes; empty: none is shown
+  std::filesystem::path page;       ///< folder of the page's files; empty: those beside the program
 };
 
 /// Annotated example: config/dashboard.toml. Throws InputError naming file, line, column, key,

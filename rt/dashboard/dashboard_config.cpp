@@ -51,6 +51,7 @@ DashboardConfig load_dashboard_config(const fs::path& path) {
   const auto surfaces = root.section("surfaces");
   config.surfaces = {optional_path(surfaces, "ct"), optional_path(surfaces, "reconstruction"),
                      optional_path(surfaces, "registration")};
+  config.live_view = optional_path(root.section("live_view"), "file");
   file.refuse_unknown_keys();
   return config;
 }

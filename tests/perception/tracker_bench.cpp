@@ -3,22 +3,26 @@
 // (perception/paper_tracker.hpp), frame by frame in turn on the same pictures, one thread
 // on one CPU each; the direct tracker's check runs beside, as in the daemon. Speed, and the error
 // of both on a trajectory shaped like paper B's spiral over a surface with relief: with its true
-// depth, and with a depth as wrong as a reconstruction is.
+// depth, and with a depth as wrong as a reconstruction is. Beside it, what the live view takes from
+// the tracker's thread with each frame it is handed, and its own thread's work on one.
 #include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <string>
 #include <vector>
 
 #include <opencv2/imgproc.hpp>
 #include <sched.h>
+#include <unistd.h>
 
 #include "bridge/atomic_file.hpp"
 #include "perception/direct_tracker.hpp"
 #include "perception/paper_tracker.hpp"
 #include "perception/tracker_parameters.hpp"
 #include "rt/core/error.hpp"
+#include "rt/live_view.hpp"
 #include "tests/perception/support/moving_scene.hpp"
 
 namespace {
@@ -47,6 +51,13 @@ double milliseconds(Clock::time_point since) {
   return std::chrono::duration<double, std::milli>(Clock::now() - since).count();
 }
 
+/// Of this thread: in the daemon no ordinary thread comes between.
+double cpu_us() {
+  timespec time{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
+  return 1e6 * static_cast<double>(time.tv_sec) + 1e-3 * static_cast<double>(time.tv_nsec);
+}
+
 /// On one CPU from here on; threads that are there already stay where they were.
 void pin() {
   cpu_set_t one;
@@ -70,10 +81,10 @@ struct Follower {
   Row absolute, step, depth, rotation;
   Eigen::Vector3d error_before_um = Eigen::Vector3d::Zero();
 
-  /// False when the frame is lost.
-  bool follow(const cv::Mat& image, const Eigen::Isometry3d& T, std::chrono::nanoseconds t) {
+  perception::MotionEstimate follow(const cv::Mat& image, const Eigen::Isometry3d& T,
+                                    std::chrono::nanoseconds t) {
     const auto e = tracker.track(image, t);
-    if (e.status == perception::TrackingStatus::lost) return false;
+    if (e.status == perception::TrackingStatus::lost) return e;
     const Eigen::Vector3d p = e.p_pivot_site_mm;
     const Eigen::Vector3d error_um = 1000 * (e.T_camera_site * p - T * p);
     absolute.ours.push_back(error_um.head<2>().norm());
@@ -82,7 +93,7 @@ struct Follower {
     rotation.ours.push_back(
         1000 * Eigen::AngleAxisd(T.linear() * e.T_camera_site.linear().transpose()).angle());
     error_before_um = error_um;
-    return true;
+    return e;
   }
 };
 
@@ -108,6 +119,10 @@ std::vector<Row> measure() {
       real.tracker.set_keyframe(keyframe, perception::SiteDepth{as_reconstructed(depth_mm)}) !=
           perception::TrackingReason::none)
     return {};
+  const std::filesystem::path file =
+      std::filesystem::temp_directory_path() / ("live-view-bench-" + std::to_string(getpid()));
+  rt::LiveView live({file}, camera, perception::ReflectionMaskParameters{});  // its thread is free
+  Row handover{"live_view_handover", "us", {}, {}}, picture{"live_view_picture", "ms", {}, {}};
   pin();
   perception::PaperTracker paper(camera, perception::TrackerParameters{});
   if (paper.set_keyframe(keyframe, perception::SitePlane{kDepthMm}) !=
@@ -122,12 +137,24 @@ std::vector<Row> measure() {
     const cv::Mat image = scene.image(T, 2, static_cast<std::uint64_t>(i));
     const std::chrono::milliseconds t(33 * i);
     auto start = Clock::now();
-    const bool is_followed = exact.follow(image, T, t);
+    const auto estimate = exact.follow(image, T, t);
     time.ours.push_back(milliseconds(start));
+    cv::Mat handed = image.clone();
+    const void* pixels = handed.data;
+    start = Clock::now();
+    const double cpu_before_us = cpu_us();
+    live.offer(handed, static_cast<std::uint64_t>(i), estimate, exact.tracker);
+    const double handover_us = cpu_us() - cpu_before_us;
+    live.wait();
+    if (handed.data != pixels) {  // taken
+      handover.ours.push_back(handover_us);
+      picture.ours.push_back(milliseconds(start));
+    }
     start = Clock::now();
     const auto e = paper.track(image, t);
     time.theirs.push_back(milliseconds(start));
-    if (!is_followed || !real.follow(image, T, t)) return {};
+    const auto lost = perception::TrackingStatus::lost;
+    if (estimate.status == lost || real.follow(image, T, t).status == lost) return {};
     if (e.status == perception::TrackingStatus::lost) return {};
     const Eigen::Vector3d p = e.p_pivot_site_mm;
     const Eigen::Vector2d paper_error_um = 1000 * (e.T_camera_site * p - T * p).head<2>();
@@ -137,8 +164,8 @@ std::vector<Row> measure() {
     }
     paper_error_before_um = paper_error_um;
   }
-  return {time,          exact.absolute, exact.step, exact.depth,  exact.rotation,
-          real.absolute, real.step,      real.depth, real.rotation};
+  return {time,           handover,      picture,   exact.absolute, exact.step,   exact.depth,
+          exact.rotation, real.absolute, real.step, real.depth,     real.rotation};
 }
 
 std::string json_of(const std::vector<Row>& rows) {

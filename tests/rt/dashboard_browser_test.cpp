@@ -165,6 +165,73 @@ TEST_F(DashboardPage, FitsReadsWellAndKeepsToItsPolicy) {
   EXPECT_EQ(browser_("overflow")["right"], 0) << "a narrow window scrolls down only";
 }
 
+TEST_F(DashboardPage, ShowsTheLivePictureAndNeverAnOldOne) {
+  RecordProperty("requirement", "SR-146");
+  const fs::path file = folder_ / "live_view";
+  Dashboard dashboard(folder_, "", {"--live-view", file});
+  ASSERT_EQ(browser_("open " + dashboard.url() + " 1366 768").value("status", 0), 200);
+  // Two canvas pixels a pixel: dark, light, masked, inlier, on the motion's line.
+  const auto sees_live = [&](bool is_there, const std::string& note) {
+    return dds::eventually([&] {
+      seen_ = browser_("live 100,300 600,300 20,20 481,181 321,221");
+      if (!seen_.contains("colours")) return false;
+      const auto is_red = [&](std::size_t place, int low, int high) {
+        const int red = seen_["colours"][place][0];
+        return red >= low && red <= high && seen_["colours"][place][3] == 255;
+      };
+      const bool is_drawn = is_red(0, 35, 45) && is_red(1, 195, 205);
+      const bool is_blank = seen_["colours"][0][3] == 0 && seen_["colours"][1][3] == 0;
+      return seen_["is_covered"] == !is_there && (is_there ? is_drawn : is_blank) &&
+             seen_["note"].get<std::string>().find(note) != std::string::npos;
+    });
+  };
+  EXPECT_TRUE(sees_live(false, "no live picture: the daemon writes none")) << seen_;
+  {
+    PlayedCamera camera(file);
+    ASSERT_TRUE(sees_live(true, "ms old; tracking")) << seen_;
+    EXPECT_EQ(seen_["width"], 640);
+    const auto colours = seen_["colours"].get<std::vector<std::vector<int>>>();
+    EXPECT_GT(colours[2][0], colours[2][1] + 60) << "masked is pink";
+    EXPECT_EQ(colours[3], (std::vector<int>{124, 227, 139, 255})) << "an inlier";
+    EXPECT_EQ(colours[4], (std::vector<int>{255, 209, 102, 255})) << "the motion";
+    browser_("click live-overlay");
+    EXPECT_TRUE(dds::eventually([&] {
+      seen_ = browser_("live 20,20 481,181");
+      return seen_["colours"][0][0] < 45 && seen_["colours"][1][0] == seen_["colours"][1][1];
+    })) << seen_;
+    camera.is_stuck = true;  // its process lives, and its file is there
+    ASSERT_TRUE(sees_live(false, "no live picture since")) << seen_;
+    EXPECT_NE(seen_["note"].get<std::string>().find("no new frame comes"), std::string::npos);
+    camera.is_stuck = false;
+    ASSERT_TRUE(sees_live(true, "ms old")) << seen_;
+    kill(dashboard.process().pid(), SIGSTOP);
+    ASSERT_TRUE(sees_live(false, "no live picture")) << seen_;
+    kill(dashboard.process().pid(), SIGCONT);
+    ASSERT_TRUE(sees_live(true, "ms old")) << seen_;
+    if (const char* picture = std::getenv("HOLDFAST_PICTURE")) {
+      browser_("click live-overlay");
+      browser_(std::string("picture ") + picture + ".live.png");
+    }
+  }  // the daemon ends
+  EXPECT_TRUE(sees_live(false, "no live picture since")) << seen_;
+  EXPECT_EQ(browser_("problems")["problems"], json::array());
+}
+
+TEST_F(DashboardPage, LivePictureEndsWhileThePagesScriptHangs) {
+  RecordProperty("requirement", "SR-146");
+  const Dashboard dashboard(folder_, "", {"--live-view", folder_ / "live_view"});
+  const PlayedCamera camera(folder_ / "live_view");
+  ASSERT_EQ(browser_("open " + dashboard.url() + " 1366 768").value("status", 0), 200);
+  ASSERT_TRUE(dds::eventually([&] {
+    seen_ = browser_("live");
+    return seen_["is_covered"] == false;
+  })) << seen_;
+  const json hung = browser_("hang 6000 0.5 0.25");  // nothing of the page's script runs meanwhile
+  ASSERT_TRUE(hung.contains("colours") && !hung["colours"].empty()) << hung;
+  const json last = hung["colours"].back();
+  EXPECT_LT(last[0], 30) << "the cover's ground, not a picture's grey: " << hung;
+}
+
 TEST_F(DashboardPage, DrawsSurfacesAndTheirDistance) {
   registration::TriangleMesh mire;
   for (int i = 0; i < 400; ++i)

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // holdfast-dashboard as a process: what it answers while daemon and guard come and go, and what it
 // does with those who ask otherwise than a page does.
+#include <cstring>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -13,6 +14,18 @@ namespace holdfast::dashboard::testing {
 namespace {
 
 using nlohmann::json;
+
+/// What `/live` says, and how long its picture is.
+json live_json(const std::string& body) {
+  if (body.size() < 12 || !body.starts_with("HFL1")) return {};
+  std::uint32_t text = 0, mask = 0;
+  std::memcpy(&text, body.data() + 4, 4);
+  std::memcpy(&mask, body.data() + 8, 4);
+  if (body.size() < 12 + std::size_t{text} + mask) return {};
+  json answer = json::parse(body.substr(12, text), nullptr, false);
+  answer["jpeg_bytes"] = body.size() - 12 - text - mask;
+  return answer;
+}
 
 class DashboardProcess : public ::testing::Test {
  protected:
@@ -106,6 +119,44 @@ TEST_F(DashboardProcess, ShowsTheLossAndReturnOfARealDaemon) {
   rig.restart_daemon();
   ASSERT_TRUE(is_permitted());
   EXPECT_TRUE(dashboard.becomes("permitted"));
+}
+
+TEST_F(DashboardProcess, ShowsTheLiveViewOfARealDaemonAndNoneWhenItIsKilled) {
+  RecordProperty("requirement", "SR-146");
+  const fs::path daemon_config = folder_ / "daemon.toml";
+  std::ofstream(daemon_config) << text_of(HOLDFAST_DEMO_CONFIG)
+                               << "\n[live_view]\nfile = \"live_view\"\n";
+  sim::RigParameters parameters;
+  parameters.folder = folder_ / "rig";
+  parameters.daemon_config = daemon_config;
+  parameters.guard_config = HOLDFAST_GUARD_CONFIG;
+  parameters.domain = static_cast<int>(domain_);
+  sim::Rig rig(parameters);
+  const Dashboard dashboard(folder_, "", {"--live-view", folder_ / "rig" / "live_view"});
+  ASSERT_TRUE(rig.wait_permitted(std::chrono::seconds(60)));
+  json live;
+  const auto shows = [&](bool is_there) {
+    return dds::eventually([&] {
+      live = live_json(body_of(get(dashboard.port(), "/live")));
+      return live.is_object() && live["why"].is_null() == is_there;
+    });
+  };
+  ASSERT_TRUE(shows(true)) << live;
+  EXPECT_EQ(live["width_px"], 640);
+  EXPECT_EQ(live["height_px"], 360);
+  EXPECT_LT(live["age_ms"], 500);
+  EXPECT_EQ(live["status"], "tracking") << live;
+  EXPECT_GT(live["points_tenth_px"].size(), 100U);
+  EXPECT_TRUE(live["to_tenth_px"].is_array());
+  EXPECT_GT(live["jpeg_bytes"], 2000);
+  rig.kill_daemon();
+  ASSERT_TRUE(fs::exists(folder_ / "rig" / "live_view")) << "its last picture is still there";
+  EXPECT_TRUE(shows(false)) << live;
+  EXPECT_EQ(live["why"], "no new frame comes");
+  EXPECT_EQ(live["jpeg_bytes"], 0);
+  rig.restart_daemon();
+  ASSERT_TRUE(rig.wait_permitted(std::chrono::seconds(60)));
+  EXPECT_TRUE(shows(true)) << live;
 }
 
 TEST_F(DashboardProcess, ReadsASecuredDomainAsObserver) {

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "bridge/dds/endpoint.hpp"
+#include "bridge/live_view/live_file.hpp"
 #include "safety/gate.hpp"
 #include "tests/bridge/dds_domain.hpp"
 #include "tests/bridge/scripted_daemon.hpp"
@@ -158,6 +159,70 @@ class PlayedRoom {
   std::int64_t t_exposure_ns_ = 0;
   safety::Reason told_ = safety::Reason::none;
   std::uint32_t stop_id_ = 0;
+  std::atomic<bool> is_ending_{false};
+  std::thread thread_;
+};
+
+constexpr std::uint8_t kLiveDark = 40, kLiveLight = 200;
+
+/// 320x180, dark on the left, light on the right, masked at the top left, an inlier at 240,90, and
+/// motion from 160,90 to 160,130.
+inline bridge::LivePicture played_picture() {
+  bridge::LivePicture p;
+  p.width_px = 320;
+  p.height_px = 180;
+  p.camera_width_px = 321;
+  p.camera_height_px = 181;
+  p.fx_px = p.fy_px = 3000;
+  p.cx_px = 160;
+  p.cy_px = 90;
+  p.status = perception::TrackingStatus::tracking;
+  p.reason = perception::TrackingReason::none;
+  p.inliers = 150;
+  p.visible = 180;
+  p.plane_depth_mm = 200;
+  p.points = {{240, 90}};
+  p.has_motion = true;
+  p.from = {160, 90};
+  p.to = {160, 130};
+  p.mask.resize(80 * 45);
+  for (std::size_t row = 0; row < 10; ++row)
+    std::fill_n(p.mask.begin() + static_cast<std::ptrdiff_t>(80 * row), 10, 255);
+  p.pixels.resize(320 * 180);
+  for (std::size_t i = 0; i < p.pixels.size(); ++i)
+    p.pixels[i] = i % 320 < 160 ? kLiveDark : kLiveLight;
+  return p;
+}
+
+/// A daemon's live view: the same picture as a new frame, 15 a second.
+class PlayedCamera {
+ public:
+  explicit PlayedCamera(const fs::path& file, bridge::LivePicture picture = played_picture())
+      : picture_(std::move(picture)), writer_(file), thread_([this] { run(); }) {}
+  ~PlayedCamera() {
+    is_ending_ = true;
+    thread_.join();
+  }
+  PlayedCamera(const PlayedCamera&) = delete;
+  PlayedCamera& operator=(const PlayedCamera&) = delete;
+
+  std::atomic<bool> is_stuck{false};  ///< no new frame comes, the file stays
+
+ private:
+  void run() {
+    while (!is_ending_) {
+      if (!is_stuck) {
+        const dds::Clocks now = dds::read_clocks();
+        ++picture_.frame;
+        picture_.t_exposure = now.monotonic - milliseconds(20);
+        picture_.t_utc = now.utc - milliseconds(20);
+        if (writer_.write(picture_) != 0) return;
+      }
+      std::this_thread::sleep_for(milliseconds(66));  // the live view's pace
+    }
+  }
+  bridge::LivePicture picture_;
+  bridge::LiveWriter writer_;
   std::atomic<bool> is_ending_{false};
   std::thread thread_;
 };

@@ -3,9 +3,9 @@
 // question: no clock of another machine is believed, and no backlog can pass for the present. A
 // permission is shown until `limit_ms` after the question whose answer told it, and no longer.
 
-/// Asks `url` again and again, one question at a time; `show(answer, asked_ms)` gets each answer,
-/// asked_ms on performance.now().
-export function ask(url, period_ms, patience_ms, show) {
+/// Asks `url` again and again, one question at a time; `show(answer, asked_ms)` gets each answer as
+/// `read` has it, asked_ms on performance.now(), and is waited for.
+export function ask(url, period_ms, patience_ms, show, read = (response) => response.json()) {
   let asked_ms = 0;
   const next = () => setTimeout(question, Math.max(0, asked_ms + period_ms - performance.now()));
   async function question() {
@@ -13,7 +13,7 @@ export function ask(url, period_ms, patience_ms, show) {
     const this_asked_ms = asked_ms;
     try {
       const response = await fetch(url, { cache: "no-store", signal: AbortSignal.timeout(patience_ms) });
-      if (response.ok) show(await response.json(), this_asked_ms);
+      if (response.ok) await show(await read(response), this_asked_ms);
     } catch {
       // No answer, or none that can be read: time passes, and the cover comes up.
     }

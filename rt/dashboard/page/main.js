@@ -2,6 +2,7 @@
 // The page: asks, and shows. What may be shown as permitted is decided by the program that answers.
 import { ask, Cover } from "./freshness.js";
 import { show_devices, show_reasons, show_registration, show_stops, show_tracking } from "./figures.js";
+import "./live.js";
 import { Plots } from "./plots.js";
 
 const kPeriodMs = 33; // 30 a second

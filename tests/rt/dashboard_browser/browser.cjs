@@ -54,6 +54,25 @@ const look = () => page.evaluate(() => {
   };
 });
 
+/// What a person sees of the live view, with the colours [r, g, b, a] at places of its canvas, "x,y x,y".
+const live = (...places) => page.evaluate((wanted) => {
+  const get = (id) => document.getElementById(id);
+  const g = new OffscreenCanvas(get("live").width, get("live").height).getContext("2d", { willReadFrequently: true });
+  g.drawImage(get("live"), 0, 0);
+  return {
+    is_covered: Number(getComputedStyle(get("live-cover")).opacity) > 0.5,
+    note: get("live-note").textContent,
+    frame: Number(document.body.dataset.live ?? -1),
+    width: get("live").width,
+    colours: wanted.map((place) => [...g.getImageData(...place.split(",").map(Number), 1, 1).data]),
+  };
+}, places);
+
+async function click(id) {
+  await page.click(`#${id}`);
+  return {};
+}
+
 /// Sections whose content does not fit and that do not scroll either, and the page's own overflow.
 const overflow = () => page.evaluate(() => {
   const root = document.documentElement;
@@ -74,9 +93,9 @@ async function axe() {
   return JSON.parse(result.value);
 }
 
-/// Hangs the page's script for `ms` and returns the colour at the permission's right end in each
-/// picture that the browser composed meanwhile, newest last.
-async function hang(ms) {
+/// Hangs the page's script for `ms` and returns the colour at a place (shares of width and height;
+/// the permission's right end) in each picture that the browser composed meanwhile, newest last.
+async function hang(ms, across = "0.97", down = String(40 / 768)) {
   const session = await page.context().newCDPSession(page);
   const pictures = [];
   session.on("Page.screencastFrame", ({ data, sessionId }) => {
@@ -93,15 +112,15 @@ async function hang(ms) {
   const viewer = await page.context().newPage();
   const colours = [];
   for (const picture of pictures.slice(0, count))
-    colours.push(await viewer.evaluate(async (data) => {
+    colours.push(await viewer.evaluate(async ([data, x, y]) => {
       const image = new Image();
       image.src = `data:image/png;base64,${data}`;
       await image.decode();
       const canvas = new OffscreenCanvas(image.width, image.height);
       const g = canvas.getContext("2d");
       g.drawImage(image, 0, 0);
-      return [...g.getImageData(Math.round(0.97 * image.width), Math.round((40 / 768) * image.height), 1, 1).data];
-    }, picture));
+      return [...g.getImageData(Math.round(x * image.width), Math.round(y * image.height), 1, 1).data];
+    }, [picture, Number(across), Number(down)]));
   await viewer.close();
   return { colours };
 }
@@ -111,7 +130,7 @@ async function picture(file) {
   return {};
 }
 
-const commands = { open, look, overflow, axe, hang, picture, problems: async () => ({ problems }) };
+const commands = { open, look, live, click, overflow, axe, hang, picture, problems: async () => ({ problems }) };
 
 async function main() {
   for await (const line of readline.createInterface({ input: process.stdin })) {
