@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Surfaces, depth maps, DICOM slices, recordings.
+// Surfaces, depth maps, DICOM slices, live views, recordings.
 #include <algorithm>
 #include <string>
 #include <string_view>
@@ -7,11 +7,13 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "bridge/depth_file.hpp"
+#include "bridge/live_view/live_layout.hpp"
 #include "bridge/recorder/mcap_reader.hpp"
 #include "bridge/recorder/mcap_writer.hpp"
 #include "registration/ct/dicom_header.hpp"
 #include "registration/ct/dicom_pixels.hpp"
 #include "registration/mesh_file.hpp"
+#include "rt/core/error.hpp"
 #include "rt/recording_file.hpp"
 #include "rt/replay.hpp"
 #include "tests/fuzz/memory_file.hpp"
@@ -106,6 +108,34 @@ void take_dicom(std::span<const std::uint8_t> bytes) {
   (void)registration::decode_hu(*header, layout, hu);
 }
 
+std::vector<Bytes> live_seeds() {
+  bridge::LivePicture picture;
+  picture.width_px = picture.height_px = picture.camera_width_px = picture.camera_height_px = 16;
+  picture.t_exposure = picture.t_utc = std::chrono::nanoseconds(1);
+  picture.points = {{1, 2}, {3, 4}};
+  picture.mask.resize(16);
+  picture.pixels.resize(256);
+  Bytes grey, colour;
+  require(pack_live(picture, 2, grey), "a seed that is none");
+  picture.channels = 3;
+  picture.pixels.resize(768);
+  require(pack_live(picture, 2, colour), "a seed that is none");
+  return {grey, colour};
+}
+
+void take_live(std::span<const std::uint8_t> bytes) {
+  bridge::LivePicture picture;
+  if (unpack_live(bytes, picture) != bridge::LiveBytes::picture)
+    throw InputError("no live picture");
+  const auto width = static_cast<std::size_t>(picture.width_px),
+             height = static_cast<std::size_t>(picture.height_px);
+  require(picture.pixels.size() == width * height * static_cast<std::size_t>(picture.channels),
+          "pixels of another size");
+  require(picture.mask.size() == (width / 4) * (height / 4), "a mask of another size");
+  Bytes again;
+  require(pack_live(picture, 2, again), "a picture that cannot be written");
+}
+
 /// A session and one cycle, as the daemon writes them.
 std::string recording() {
   rt::RecordingFile file({}, rt::RecordedRegistration{});
@@ -168,6 +198,7 @@ std::span<const Target> binary_targets() {
       {"mesh", mesh_seeds, take_mesh},
       {"depth", depth_seeds, take_depth},
       {"dicom", dicom_seeds, take_dicom},
+      {"live_view", live_seeds, take_live},
       {"recording", recording_seeds, take_recording},
       {"recorded_message", recorded_message_seeds, take_recorded_message}};
   return targets;

@@ -25,7 +25,8 @@ struct Target {
 
 [[nodiscard]] std::span<const Target> message_targets();  ///< CAN, DDS, HTTP
 [[nodiscard]] std::span<const Target> text_targets();     ///< TOML, YAML, JSON, CSV
-[[nodiscard]] std::span<const Target> binary_targets();   ///< surfaces, depth, DICOM, recordings
+[[nodiscard]] std::span<const Target>
+binary_targets();  ///< surfaces, depth, DICOM, live views, recordings
 [[nodiscard]] std::vector<const Target*> all_targets();
 
 /// True when the target accepted. Throws std::logic_error also on a refusal of several lines.
