@@ -12,6 +12,7 @@
 namespace {
 
 struct Options {
+  std::filesystem::path live_view;
   std::filesystem::path config;
   std::optional<int> domain, ros2_domain, port;
   bool is_check_only = false;
@@ -30,6 +31,7 @@ void run(const Options& options) {
     config.openigtlink.is_on = true;
     config.openigtlink.server.port = static_cast<std::uint16_t>(*options.port);
   }
+  if (!options.live_view.empty()) config.live_view = options.live_view;
   holdfast::outlets::check_outlets(config);
   if (options.is_check_only) {
     fmt::print("{}: fine\n", options.config.string());
@@ -68,6 +70,8 @@ int main(int argc, char** argv) {
                  "switches that outlet on; 0: the system chooses")
       ->check(CLI::Range(0, 65535));
   app.add_option("--security", options.security, "folder of an observer's keys");
+  app.add_option("--live-view", options.live_view,
+                 "file of holdfastd's [live_view]: tells pictures");
   app.callback([&options] { run(options); });
   return holdfast::bridge::run_command_line(app, argc, argv);
 }

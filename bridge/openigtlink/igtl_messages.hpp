@@ -32,6 +32,21 @@ struct Status {
 [[nodiscard]] std::string transform_message(std::string_view device, std::chrono::nanoseconds t_utc,
                                             const Eigen::Isometry3d& T_mm);
 
+/// A flat picture, 8 bit.
+struct Image {
+  int width_px = 0, height_px = 0;
+  int components = 1;       ///< 1 grey, 3 red, green, blue
+  std::string_view pixels;  ///< row by row, components together
+  double spacing_x_mm = 1, spacing_y_mm = 1;
+  /// Of the middle between the first and the last pixel's centres. x goes along the rows, y down.
+  Eigen::Vector3d p_middle_mm = Eigen::Vector3d::Zero();
+};
+
+/// IMAGE, in the coordinates that p_middle_mm has, told as RAS: a receiver turns nothing. Empty
+/// when the sizes do not fit together or are beyond the protocol's 65535.
+[[nodiscard]] std::string image_message(std::string_view device, std::chrono::nanoseconds t_utc,
+                                        const Image& image);
+
 [[nodiscard]] std::string status_message(std::string_view device, std::chrono::nanoseconds t_utc,
                                          const Status& status);
 

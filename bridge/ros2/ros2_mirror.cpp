@@ -16,6 +16,7 @@ using PoseStamped = geometry_msgs_msg_dds__PoseWithCovarianceStamped_;
 using TfMessage = tf2_msgs_msg_dds__TFMessage_;
 using KeyValue = diagnostic_msgs_msg_dds__KeyValue_;
 using DiagnosticStatus = diagnostic_msgs_msg_dds__DiagnosticStatus_;
+using Image = sensor_msgs_msg_dds__Image_;
 using DiagnosticArray = diagnostic_msgs_msg_dds__DiagnosticArray_;
 
 constexpr double kMetresPerMm = 1e-3;
@@ -91,7 +92,7 @@ bool write_transforms(const dds::Entity& writer, std::span<const StampedTransfor
 
 }  // namespace
 
-Mirror::Mirror(const dds::ParticipantParameters& participant)
+Mirror::Mirror(const dds::ParticipantParameters& participant, bool has_images)
     : participant_(participant),
       tf_(make_writer(participant_, tf2_msgs_msg_dds__TFMessage__desc, kTfTopic,
                       DDS_DURABILITY_VOLATILE, 100)),
@@ -100,7 +101,11 @@ Mirror::Mirror(const dds::ParticipantParameters& participant)
       pose_(make_writer(participant_, geometry_msgs_msg_dds__PoseWithCovarianceStamped__desc,
                         kPoseTopic, DDS_DURABILITY_VOLATILE, 10)),
       diagnostics_(make_writer(participant_, diagnostic_msgs_msg_dds__DiagnosticArray__desc,
-                               kDiagnosticsTopic, DDS_DURABILITY_VOLATILE, 10)) {}
+                               kDiagnosticsTopic, DDS_DURABILITY_VOLATILE, 10)) {
+  if (has_images)
+    image_.emplace(make_writer(participant_, sensor_msgs_msg_dds__Image__desc, kImageTopic,
+                               DDS_DURABILITY_VOLATILE, 1));
+}
 
 bool Mirror::publish(std::span<const StampedTransform> transforms) {
   return write_transforms(tf_, transforms);
@@ -142,6 +147,23 @@ bool Mirror::publish(std::chrono::nanoseconds t_utc, std::span<const Diagnostic>
   message.header = header(t_utc, no_frame);
   put(all, message.status);
   return write(diagnostics_, &message);
+}
+
+bool Mirror::publish(const StampedImage& image) {
+  if (!image_) return false;
+  const std::string encoding = image.channels == 3 ? "rgb8" : "mono8";
+  Image message{};
+  message.header = header(image.t_utc, image.frame);
+  message.height = static_cast<std::uint32_t>(image.height_px);
+  message.width = static_cast<std::uint32_t>(image.width_px);
+  message.encoding = text(encoding);
+  message.step = static_cast<std::uint32_t>(image.width_px * image.channels);
+  // The write does not change it.
+  message.data._buffer =
+      const_cast<std::uint8_t*>(  // NOLINT(cppcoreguidelines-pro-type-const-cast)
+          image.pixels.data());
+  message.data._length = message.data._maximum = static_cast<std::uint32_t>(image.pixels.size());
+  return write(*image_, &message);
 }
 
 }  // namespace holdfast::bridge::ros2

@@ -8,6 +8,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -36,6 +37,15 @@ struct StampedPose {
   Eigen::Matrix<double, 6, 6> covariance = Eigen::Matrix<double, 6, 6>::Zero();
 };
 
+/// sensor_msgs/Image, 8 bit.
+struct StampedImage {
+  std::string frame;
+  std::chrono::nanoseconds t_utc{};
+  int width_px = 0, height_px = 0;
+  int channels = 1;                      ///< 1: mono8; 3: rgb8
+  std::span<const std::uint8_t> pixels;  ///< row by row, channels together
+};
+
 enum class DiagnosticLevel : std::uint8_t { ok = 0, warn = 1, error = 2, stale = 3 };
 
 /// diagnostic_msgs/DiagnosticStatus.
@@ -49,12 +59,14 @@ struct Diagnostic {
 inline constexpr const char* kTfTopic = "rt/tf";
 inline constexpr const char* kTfStaticTopic = "rt/tf_static";
 inline constexpr const char* kPoseTopic = "rt/holdfast/target_pose";
+inline constexpr const char* kImageTopic = "rt/holdfast/image";
 inline constexpr const char* kDiagnosticsTopic = "rt/diagnostics";
 
 class Mirror {
  public:
-  /// Throws as dds::Participant; UnavailableError when a writer cannot be made.
-  explicit Mirror(const dds::ParticipantParameters& participant);
+  /// Throws as dds::Participant; UnavailableError when a writer cannot be made. Images have a topic
+  /// only where there may be some.
+  explicit Mirror(const dds::ParticipantParameters& participant, bool has_images = false);
 
   // False when the middleware did not take it.
   bool publish(std::span<const StampedTransform> transforms);
@@ -62,10 +74,13 @@ class Mirror {
   bool publish_static(std::span<const StampedTransform> transforms);
   bool publish(const StampedPose& pose);
   bool publish(std::chrono::nanoseconds t_utc, std::span<const Diagnostic> diagnostics);
+  /// False also without has_images.
+  bool publish(const StampedImage& image);
 
  private:
   dds::Participant participant_;
   dds::Entity tf_, tf_static_, pose_, diagnostics_;
+  std::optional<dds::Entity> image_;
 };
 
 }  // namespace holdfast::bridge::ros2

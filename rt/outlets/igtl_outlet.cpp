@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rt/outlets/igtl_outlet.hpp"
 
+#include <algorithm>
+
 #include <fmt/format.h>
 
 namespace holdfast::outlets {
@@ -52,6 +54,22 @@ Eigen::Isometry3d T_patient_camera(const LiveSite& site) {
   return T_ras_lps() * (site.T_camera_site * site.T_site_ct).inverse();
 }
 
+igtl::Image to_igtl_image(const bridge::LivePicture& p) {
+  igtl::Image image;
+  image.width_px = p.width_px;
+  image.height_px = p.height_px;
+  image.components = p.channels;
+  // NOLINTNEXTLINE(cppcoreguidelines-pro-type-reinterpret-cast): bytes as a message's characters
+  image.pixels = {reinterpret_cast<const char*>(p.pixels.data()), p.pixels.size()};
+  const double z_mm = p.plane_depth_mm;
+  image.spacing_x_mm = p.factor * z_mm / p.fx_px;
+  image.spacing_y_mm = p.factor * z_mm / p.fy_px;
+  // The camera's pixel in the middle of what is shown.
+  const double u = 0.5 * p.width_px * p.factor - 0.5, v = 0.5 * p.height_px * p.factor - 0.5;
+  image.p_middle_mm = {(u - p.cx_px) * z_mm / p.fx_px, (v - p.cy_px) * z_mm / p.fy_px, z_mm};
+  return image;
+}
+
 IgtlOutlet::IgtlOutlet(const IgtlSettings& settings)
     : server_(settings.server), feed_(settings.rate_hz) {}
 
@@ -63,6 +81,19 @@ void IgtlOutlet::tell_status(const observer::ObservedState& state, bridge::dds::
   std::string message = igtl::status_message(kStatusDevice, now.utc, status);
   server_.send(message);
   server_.set_greeting(std::move(message));
+}
+
+void IgtlOutlet::tell_picture(const bridge::LivePicture* picture, bridge::dds::Clocks now) {
+  if (picture == nullptr && shown_) {
+    std::fill(shown_->pixels.begin(), shown_->pixels.end(), std::uint8_t{0});
+    server_.send(igtl::image_message(kCameraImage, now.utc, to_igtl_image(*shown_)));
+    shown_.reset();
+  }
+  if (picture == nullptr || !(picture->plane_depth_mm > 0)) return;
+  if (shown_ && shown_->frame == picture->frame && shown_->t_exposure == picture->t_exposure)
+    return;
+  server_.send(igtl::image_message(kCameraImage, picture->t_utc, to_igtl_image(*picture)));
+  shown_ = *picture;
 }
 
 void IgtlOutlet::tell(const observer::ObservedState& state, bridge::dds::Clocks now) {

@@ -8,12 +8,14 @@
 
 #include "bridge/command_line.hpp"
 #include "bridge/config_file.hpp"
+#include "bridge/live_view/live_file.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::outlets {
 namespace {
 
 constexpr nanoseconds kLookPeriod = std::chrono::milliseconds(5);
+constexpr std::size_t kPicturesWaitingMax = 2;  // of the largest, for one slow client
 
 Ros2Settings read_ros2(const bridge::ConfigSection& s) {
   Ros2Settings result;
@@ -44,9 +46,10 @@ void say(const OutletsConfig& config) {
   if (config.ros2.is_on)
     fmt::print(stderr,
                "outlets: ROS 2 on domain {}, UNSECURED, network of {}: tf, tf_static, "
-               "holdfast/target_pose, diagnostics\n",
+               "holdfast/target_pose, diagnostics{}\n",
                config.ros2.domain,
-               config.ros2.network.empty() ? "CYCLONEDDS_URI" : config.ros2.network);
+               config.ros2.network.empty() ? "CYCLONEDDS_URI" : config.ros2.network,
+               config.live_view.empty() ? "" : ", holdfast/image");
 }
 
 void wait(nanoseconds duration) {
@@ -63,6 +66,8 @@ OutletsConfig load_outlets_config(const std::filesystem::path& path) {
   config.observer = observer::read_observer(root);
   config.ros2 = read_ros2(root.section("ros2"));
   config.openigtlink = read_openigtlink(root.section("openigtlink"));
+  if (const auto live = root.section("live_view"); live.has("file"))
+    config.live_view = live.path("file");
   file.refuse_unknown_keys();
   return config;
 }
@@ -86,9 +91,17 @@ void run_outlets(const OutletsConfig& config) {
   observer::Observer observer(config.observer);
   std::optional<Ros2Outlet> ros2;
   std::optional<IgtlOutlet> openigtlink;
-  if (config.ros2.is_on) ros2.emplace(config.ros2);
+  std::optional<bridge::LiveReader> live;
+  if (!config.live_view.empty()) live.emplace(config.live_view);
+  if (config.ros2.is_on) {
+    Ros2Settings settings = config.ros2;
+    settings.has_images = live.has_value();
+    ros2.emplace(settings);
+  }
   if (config.openigtlink.is_on) {
-    openigtlink.emplace(config.openigtlink);
+    IgtlSettings settings = config.openigtlink;
+    if (live) settings.server.backlog_max += kPicturesWaitingMax * bridge::kLiveBytesMax;
+    openigtlink.emplace(settings);
     fmt::print(stderr, "outlets: OpenIGTLink on {}:{}, UNENCRYPTED{}\n",
                config.openigtlink.server.address, openigtlink->server().port(),
                config.openigtlink.server.allow_network ? ", for all who reach it" : "");
@@ -97,9 +110,12 @@ void run_outlets(const OutletsConfig& config) {
   while (!bridge::is_interrupted()) {
     observer.look();
     const bridge::dds::Clocks now = bridge::dds::read_clocks();
+    const bridge::LivePicture* picture = live ? live->look(now) : nullptr;
     if (ros2) ros2->tell(observer.state(), now);
+    if (ros2) ros2->tell_picture(picture);
     if (openigtlink) {
       openigtlink->tell(observer.state(), now);
+      openigtlink->tell_picture(picture, now);
       openigtlink->server().serve(kLookPeriod);
     } else {
       wait(kLookPeriod);

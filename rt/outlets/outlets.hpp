@@ -15,6 +15,7 @@ struct OutletsConfig {
   observer::ObserverConfig observer;
   Ros2Settings ros2;
   IgtlSettings openigtlink;
+  std::filesystem::path live_view;  ///< the file that holdfastd writes; empty: no picture is told
 };
 
 /// Annotated example: config/outlets.toml. Throws InputError naming file, line, column, key, value.

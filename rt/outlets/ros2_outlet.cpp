@@ -126,11 +126,16 @@ std::vector<Diagnostic> diagnostics(const observer::ObservedState& state, nanose
   return {permission(state, now), tracking(state, now), registration(state, now)};
 }
 
+bridge::ros2::StampedImage to_ros_image(const bridge::LivePicture& p) {
+  return {kOpticalFrame, p.t_utc, p.width_px, p.height_px, p.channels, p.pixels};
+}
+
 Ros2Outlet::Ros2Outlet(const Ros2Settings& settings)
     : settings_(settings),
       mirror_({.domain = static_cast<std::uint32_t>(settings.domain),
                .configuration = settings.network,
-               .security = {}}),
+               .security = {}},
+              settings.has_images),
       feed_(settings.rate_hz) {
   mirror_.publish_static(static_transforms(bridge::dds::read_clocks().utc));
 }
@@ -141,6 +146,12 @@ void Ros2Outlet::tell_diagnostics(const observer::ObservedState& state, bridge::
   (void)mirror_.publish(now.utc, all);
   told_ = all[0].message;
   t_diagnostics_ = now.monotonic;
+}
+
+void Ros2Outlet::tell_picture(const bridge::LivePicture* picture) {
+  if (picture == nullptr || picture->t_exposure == t_picture_) return;
+  (void)mirror_.publish(to_ros_image(*picture));
+  t_picture_ = picture->t_exposure;
 }
 
 // What the middleware does not take is gone: the next is due in a moment, and nobody acts on it.

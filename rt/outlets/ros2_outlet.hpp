@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "bridge/live_view/live_picture.hpp"
 #include "bridge/ros2/ros2_mirror.hpp"
 #include "rt/outlets/live_poses.hpp"
 
@@ -25,7 +26,8 @@ struct Ros2Settings {
   int domain = 42;      ///< where the ROS nodes are; not the daemon's
   std::string network;  ///< Cyclone XML or file URI; empty: the environment's
   std::string robot_frame = "holdfast_robot";
-  double rate_hz = 50;  ///< of poses, at most
+  double rate_hz = 50;      ///< of poses, at most
+  bool has_images = false;  ///< there may be a live picture
 };
 
 /// robot -> patient.
@@ -42,12 +44,17 @@ struct Ros2Settings {
 [[nodiscard]] std::vector<bridge::ros2::Diagnostic> diagnostics(
     const observer::ObservedState& state, nanoseconds now);
 
+/// In the camera's optical frame, at its exposure. Its pixels are the picture's.
+[[nodiscard]] bridge::ros2::StampedImage to_ros_image(const bridge::LivePicture& picture);
+
 class Ros2Outlet {
  public:
   /// Throws as Mirror.
   explicit Ros2Outlet(const Ros2Settings& settings);
   /// Publishes what is new and due.
   void tell(const observer::ObservedState& state, bridge::dds::Clocks now);
+  /// A picture that is new; none: nothing.
+  void tell_picture(const bridge::LivePicture* picture);
 
  private:
   void tell_diagnostics(const observer::ObservedState& state, bridge::dds::Clocks now);
@@ -56,7 +63,8 @@ class Ros2Outlet {
   bridge::ros2::Mirror mirror_;
   LiveFeed feed_;
   nanoseconds t_diagnostics_{};
-  std::string told_;  // what the newest diagnostics said of the permission
+  nanoseconds t_picture_{};  // exposure of the newest told
+  std::string told_;         // what the newest diagnostics said of the permission
 };
 
 }  // namespace holdfast::outlets

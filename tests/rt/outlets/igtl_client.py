@@ -13,12 +13,19 @@ HEADER = struct.Struct(">H12s20sQQQ")
 POLYNOMIAL, MASK = 0x42F0E1EBA9EA3693, (1 << 64) - 1
 
 
+def shifted(crc):
+    for _ in range(8):
+        crc = (crc << 1 ^ (POLYNOMIAL if crc >> 63 else 0)) & MASK
+    return crc
+
+
+TABLE = [shifted(byte << 56) for byte in range(256)]
+
+
 def crc64(data):
     crc = 0
     for byte in data:
-        crc ^= byte << 56
-        for _ in range(8):
-            crc = (crc << 1 ^ (POLYNOMIAL if crc >> 63 else 0)) & MASK
+        crc = (crc << 8 & MASK) ^ TABLE[crc >> 56 ^ byte]
     return crc
 
 
@@ -43,6 +50,16 @@ def content(kind, body):
     if kind == "STATUS":
         code, sub_code, name = struct.unpack(">Hq20s", body[:30])
         return {"code": code, "sub_code": sub_code, "name": text(name), "text": text(body[30:])}
+    if kind == "IMAGE":
+        version, components, scalar, _, coordinates, *rest = struct.unpack(">H4B3H12f6H", body[:72])
+        size, v, part = rest[:3], rest[3:15], rest[15:]
+        pixels, count = body[72:], size[0] * size[1] * size[2] * components
+        if version != 1 or part != [0, 0, 0, *size] or len(pixels) != count or scalar != 3:
+            sys.exit(f"IMAGE of {size}, part {part}, {len(pixels)} bytes, scalar type {scalar}")
+        middle = size[0] * components * (size[1] // 2)
+        return {"size": size, "components": components, "coordinates": coordinates,
+                "matrix": [[v[row], v[3 + row], v[6 + row], v[9 + row]] for row in range(3)],
+                "left": pixels[middle], "right": pixels[middle + size[0] * components - 1]}
     sys.exit(f"unknown type {kind}")
 
 

@@ -9,6 +9,7 @@
 namespace holdfast::outlets {
 namespace {
 
+using dashboard::testing::PlayedCamera;
 using dashboard::testing::PlayedRoom;
 using dashboard::testing::text_of;
 using nlohmann::json;
@@ -44,8 +45,11 @@ class OutletsProcess : public ::testing::Test {
                         << "[openigtlink]\non = true\nport = 0\n";
     return file;
   }
-  [[nodiscard]] sim::ChildProcess start(const fs::path& config) const {
-    sim::ChildProcess process(HOLDFAST_OUTLETS, {"--config", config}, log("outlets"));
+  [[nodiscard]] sim::ChildProcess start(const fs::path& config,
+                                        const std::vector<std::string>& more = {}) const {
+    std::vector<std::string> words{"--config", config};
+    words.insert(words.end(), more.begin(), more.end());
+    sim::ChildProcess process(HOLDFAST_OUTLETS, words, log("outlets"));
     EXPECT_TRUE(dds::eventually([&] {
       return said("outlets").find("ready") != std::string::npos || !process.is_running();
     }));
@@ -224,6 +228,97 @@ TEST_F(OutletsProcess, SlicerGetsTransformsWhileTheyHoldAndStatusWithTheReason) 
   expect(matrix("CameraToPatient"), {{-1, 0, 0, 6}, {0, -1, 0, 8}, {0, 0, 1, -253}});
   expect(matrix("RobotToPatient"), {{0, -1, 0, -20}, {1, 0, 0, -100}, {0, 0, 1, -300}});
   EXPECT_NEAR(all.back()["t_utc_s"].get<double>(),
+              std::chrono::duration<double>(dds::read_clocks().utc).count(), 120);
+}
+
+TEST_F(OutletsProcess, SlicerGetsTheLivePictureInItsPlaceAndABlackOneAfterTheLast) {
+  RecordProperty("requirement", "SR-146");
+  const sim::ChildProcess outlets = start(configuration(), {"--live-view", folder_ / "live_view"});
+  const sim::ChildProcess client = hear_igtl();
+  ASSERT_TRUE(igtl_says("STATUS")) << said("igtl");
+  std::optional<PlayedCamera> camera(std::in_place, folder_ / "live_view");
+  ASSERT_TRUE(igtl_says("IMAGE", 5)) << said("igtl") << said("outlets");
+  const auto is_black = [](const json& m) {
+    return m["type"] == "IMAGE" && m["left"] == 0 && m["right"] == 0;
+  };
+  const auto blacks = [&] {
+    const auto all = igtl_messages();
+    return std::count_if(all.begin(), all.end(), is_black);
+  };
+  EXPECT_EQ(blacks(), 0);
+  camera->is_stuck = true;
+  ASSERT_TRUE(dds::eventually([&] { return blacks() == 1; })) << said("igtl");
+  camera->is_stuck = false;
+  const std::size_t before = count(said("igtl"), "IMAGE");
+  ASSERT_TRUE(igtl_says("IMAGE", before + 2));
+  camera.reset();
+  ASSERT_TRUE(dds::eventually([&] { return blacks() == 2; })) << said("igtl");
+  ASSERT_TRUE(igtl_says("STATUS", count(said("igtl"), "STATUS") + 3));
+
+  json image;
+  for (const json& m : igtl_messages()) {
+    if (m["type"] != "IMAGE") continue;
+    EXPECT_EQ(m["device"], "CameraImage");
+    if (!is_black(m)) image = m;
+  }
+  EXPECT_TRUE(is_black([&] {
+    json last;
+    for (const json& m : igtl_messages())
+      if (m["type"] == "IMAGE") last = m;
+    return last;
+  }()));
+  EXPECT_EQ(image["size"], (json{320, 180, 1}));
+  EXPECT_EQ(image["components"], 1);
+  EXPECT_EQ(image["coordinates"], 1) << "not to be turned";
+  EXPECT_EQ(image["left"], dashboard::testing::kLiveDark);
+  EXPECT_EQ(image["right"], dashboard::testing::kLiveLight);
+  // 200 mm / 3000 px; the axis is half a pixel from the middle.
+  const double spacing = 200.0 / 3000;
+  const std::vector<std::vector<double>> wanted{
+      {spacing, 0, 0, -0.5 * spacing}, {0, spacing, 0, -0.5 * spacing}, {0, 0, spacing, 200}};
+  for (std::size_t row = 0; row < 3; ++row)
+    for (std::size_t column = 0; column < 4; ++column)
+      EXPECT_NEAR(image["matrix"][row][column].get<double>(), wanted[row][column], 1e-5)
+          << row << column;
+  EXPECT_NEAR(image["t_utc_s"].get<double>(),
+              std::chrono::duration<double>(dds::read_clocks().utc).count(), 120);
+}
+
+TEST_F(OutletsProcess, RosNodesReadTheLivePictureAndNoOldOne) {
+  RecordProperty("requirement", "SR-146");
+  std::optional<PlayedCamera> camera(std::in_place, folder_ / "live_view");
+  const sim::ChildProcess outlets = start(configuration(), {"--live-view", folder_ / "live_view"});
+  EXPECT_NE(said("outlets").find("holdfast/image"), std::string::npos) << said("outlets");
+  const sim::ChildProcess ros2(
+      HOLDFAST_FASTDDS_PEER,
+      {ros2_domain(), "rt/holdfast/image", "sensor_msgs::msg::dds_::Image_", "best_effort",
+       "volatile", "rt/diagnostics", "diagnostic_msgs::msg::dds_::DiagnosticArray_", "reliable",
+       "volatile"},
+      log("ros2"));
+  const std::string image = "rt/holdfast/image 00010000", silent = "6461656d6f6e5f73696c656e74";
+  ASSERT_TRUE(dds::eventually([&] { return count(said("ros2"), image) >= 3; })) << said("outlets");
+  camera->is_stuck = true;
+  // After kLiveAgeMax none may come: diagnostics are told five times a second.
+  const auto diagnostics = [&](std::size_t more) {
+    const std::size_t wanted = count(said("ros2"), silent) + more;
+    return dds::eventually([&] { return count(said("ros2"), silent) >= wanted; });
+  };
+  ASSERT_TRUE(diagnostics(4));
+  const std::size_t before = count(said("ros2"), image);
+  ASSERT_TRUE(diagnostics(4));
+  EXPECT_EQ(count(said("ros2"), image), before);
+  const json read = read_ros2(log("ros2"), folder_ / "read.json");
+  const json& m = read["rt/holdfast/image"].back();
+  EXPECT_EQ(m["header"]["frame_id"], "holdfast_camera_optical");
+  EXPECT_EQ(m["width"], 320);
+  EXPECT_EQ(m["height"], 180);
+  EXPECT_EQ(m["encoding"], "mono8");
+  EXPECT_EQ(m["step"], 320);
+  EXPECT_EQ(m["is_bigendian"], 0);
+  ASSERT_EQ(m["data"].size(), 320U * 180U);
+  EXPECT_EQ(m["data"][5], dashboard::testing::kLiveDark);
+  EXPECT_EQ(m["data"][319], dashboard::testing::kLiveLight);
+  EXPECT_NEAR(m["header"]["stamp"]["sec"].get<double>(),
               std::chrono::duration<double>(dds::read_clocks().utc).count(), 120);
 }
 

@@ -14,6 +14,7 @@ const TYPES = {
   "rt/tf_static": "tf2_msgs/TFMessage",
   "rt/holdfast/target_pose": "geometry_msgs/PoseWithCovarianceStamped",
   "rt/diagnostics": "diagnostic_msgs/DiagnosticArray",
+  "rt/holdfast/image": "sensor_msgs/Image",
 };
 
 function definitions(all, root) {  // of the type and of what it is made of, the root first
