@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <stdexcept>
 
+#include "registration/opencv_yaml.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::bridge {
@@ -71,6 +72,7 @@ perception::CameraModel read_camera_file(const std::string& path) {
     throw InputError(path + ": is " + std::to_string(size) + " bytes, must be at most " +
                      std::to_string(kSizeMaxBytes));
   perception::CameraModel camera;
+  registration::require_one_document(path);
   try {
     const cv::FileStorage storage(path, cv::FileStorage::READ);
     if (!storage.isOpened()) throw InputError(path + ": is not an OpenCV FileStorage file");

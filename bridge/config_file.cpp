@@ -14,6 +14,18 @@
 
 namespace holdfast::bridge {
 
+namespace {
+
+/// What a file says may be quoted in a refusal, which is of one line.
+std::string one_line(std::string_view text) {
+  std::string line{text};
+  std::replace_if(
+      line.begin(), line.end(), [](char c) { return c == '\n' || c == '\r'; }, ' ');
+  return line;
+}
+
+}  // namespace
+
 struct ConfigSection::Node {
   std::shared_ptr<const toml::table> document;  // keeps `table` alive
   const toml::table* table = nullptr;           // null: the file does not have it
@@ -31,7 +43,8 @@ struct ConfigSection::Node {
   }
   [[nodiscard]] std::string at(std::string_view key, const toml::node& node) const {
     const toml::source_position begin = node.source().begin;
-    return fmt::format("{}:{}:{}: {}", file.string(), begin.line, begin.column, dotted(key));
+    return fmt::format("{}:{}:{}: {}", file.string(), begin.line, begin.column,
+                       one_line(dotted(key)));
   }
 };
 
@@ -210,7 +223,7 @@ ConfigFile::ConfigFile(const std::filesystem::path& file)
     root_->document = std::make_shared<const toml::table>(toml::parse_file(file.string()));
   } catch (const toml::parse_error& e) {
     throw InputError(fmt::format("{}:{}:{}: {}", file.string(), e.source().begin.line,
-                                 e.source().begin.column, e.description()));
+                                 e.source().begin.column, one_line(e.description())));
   }
   root_->table = root_->document.get();
   root_->file = file;

@@ -11,8 +11,6 @@
 namespace holdfast::registration {
 namespace {
 
-constexpr int kDistances = 10, kSizes = 15, kSmallestDot = 2;
-
 Eigen::RowVectorXd input_of(const Dots& dots) {
   return Eigen::RowVector2d(std::log(dots.distance_px + dots.dot_px), std::log(dots.dot_px));
 }
@@ -39,16 +37,6 @@ std::vector<Dots> shuffled(std::uint64_t seed) {
 }
 
 }  // namespace
-
-std::span<const Dots> all_dots() {
-  static const auto kept = [] {
-    std::array<Dots, static_cast<std::size_t>(kDistances) * static_cast<std::size_t>(kSizes)> all;
-    for (std::size_t i = 0; i < all.size(); ++i)
-      all.at(i) = {static_cast<int>(i) / kSizes + 1, static_cast<int>(i) % kSizes + kSmallestDot};
-    return all;
-  }();
-  return kept;
-}
 
 PatternSearch::PatternSearch(PatternSearchOptions options) : options_(std::move(options)) {
   if (options_.is_paper) {

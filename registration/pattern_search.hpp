@@ -9,18 +9,10 @@
 #include <span>
 #include <vector>
 
+#include "registration/dots.hpp"
 #include "registration/gaussian_process.hpp"
 
 namespace holdfast::registration {
-
-/// Dots of `dot_px`, `distance_px` apart: the projector's pixels.
-struct Dots {
-  int distance_px = 1, dot_px = 2;
-  friend bool operator==(const Dots&, const Dots&) = default;
-};
-
-/// d 1 … 10, s 2 … 16: 150 patterns.
-[[nodiscard]] std::span<const Dots> all_dots();
 
 /// One pattern and how bad it was (> 0, less is better; mm in practice).
 struct DotsValue {

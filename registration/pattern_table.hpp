@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What one projected pattern was worth, and the two files of `optimize-pattern`: the CSV of every
+// What one projected pattern was worth, as in the two files of `optimize-pattern`: the CSV of every
 // evaluation, from which a search resumes, and patterns.toml with the best dots of each zoom.
 #pragma once
 
@@ -7,12 +7,8 @@
 #include <string_view>
 #include <vector>
 
-#include <Eigen/Geometry>
-
-#include "registration/evaluation.hpp"
+#include "registration/dots.hpp"
 #include "registration/pattern.hpp"
-#include "registration/pattern_search.hpp"
-#include "registration/reconstruction.hpp"
 
 namespace holdfast::registration {
 
@@ -33,13 +29,6 @@ struct PatternEvaluation {
   double wrong_share = 0;                            ///< more than 1 mm from the triangles
   double coverage = 0;                               ///< of the region that was reconstructed
 };
-
-/// `reference` in its own frame; T_reference_camera takes the left camera's frame there. Points are
-/// drawn from the surface, within `region_mm` of the reference. Pure, same seed same result.
-[[nodiscard]] PatternEvaluation judge_pattern(const Reconstruction& result,
-                                              const Rectification& geometry,
-                                              const ReferenceSurface& reference,
-                                              const EvaluationOptions& options, bool is_paper);
 
 /// How the search was asked for; a CSV of another search is not resumed.
 struct PatternTableHead {

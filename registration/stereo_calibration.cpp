@@ -8,6 +8,7 @@
 #include <opencv2/core/eigen.hpp>
 
 #include "registration/calibration_check.hpp"
+#include "registration/opencv_yaml.hpp"
 #include "rt/core/error.hpp"
 
 namespace holdfast::registration {
@@ -116,6 +117,7 @@ StereoCalibration read_stereo_calibration(const std::string& path) {
   if (size > kSizeMaxBytes)
     throw InputError(fmt::format("{}: is {} bytes, must be at most {}", path, size, kSizeMaxBytes));
   StereoCalibration calibration;
+  require_one_document(path);
   try {
     const cv::FileStorage storage(path, cv::FileStorage::READ);
     if (!storage.isOpened()) throw InputError(path + ": is not an OpenCV FileStorage file");

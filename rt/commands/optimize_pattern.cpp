@@ -19,6 +19,8 @@
 #include "bridge/atomic_file.hpp"
 #include "bridge/command_line.hpp"
 #include "registration/mesh_file.hpp"
+#include "registration/pattern_judgement.hpp"
+#include "registration/pattern_search.hpp"
 #include "registration/pattern_table.hpp"
 #include "registration/transform_file.hpp"
 #include "rt/commands/commands.hpp"

@@ -109,6 +109,15 @@ TEST_F(ConfigFileTest, ReportsSyntaxErrorsWithLineAndColumn) {
   EXPECT_EQ(message.rfind(file_.string() + ":2:", 0), 0U) << message;
 }
 
+TEST_F(ConfigFileTest, RefusesInOneLineWhateverTheFileSays) {
+  const std::string syntax = message_of([&] { (void)write("flag = tru\n"); });
+  const std::string key = message_of([&] { write("\"two\\nlines\" = 1\n").refuse_unknown_keys(); });
+  for (const std::string& message : {syntax, key}) {
+    EXPECT_FALSE(message.empty());
+    EXPECT_EQ(message.find('\n'), std::string::npos) << message;
+  }
+}
+
 TEST_F(ConfigFileTest, ReportsAMissingFile) {
   EXPECT_THROW(ConfigFile{"/nonexistent/x.toml"}, InputError);
 }

@@ -26,17 +26,22 @@ namespace {
 
 using nlohmann::json;
 
-std::vector<Bytes> no_seeds() {
-  return {};
+Bytes content_of(const char* path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
 std::vector<Bytes> config_seeds() {
-  std::vector<Bytes> seeds;
-  for (const char* name : {"/holdfastd.toml", "/demo.toml"}) {
-    std::ifstream file(std::string(HOLDFAST_CONFIG_DIR) + name, std::ios::binary);
-    seeds.emplace_back(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
-  }
-  return seeds;
+  return {content_of(HOLDFAST_CONFIG_DIR "/holdfastd.toml"),
+          content_of(HOLDFAST_CONFIG_DIR "/demo.toml")};
+}
+
+std::vector<Bytes> camera_seeds() {
+  return {content_of(HOLDFAST_FUZZ_SEEDS "/camera.yaml")};
+}
+
+std::vector<Bytes> stereo_seeds() {
+  return {content_of(HOLDFAST_FUZZ_SEEDS "/stereo.yaml")};
 }
 
 std::vector<Bytes> registration_seeds() {
@@ -153,8 +158,8 @@ void take_transform(std::span<const std::uint8_t> bytes) {
 
 std::span<const Target> text_targets() {
   static const Target targets[] = {{"config", config_seeds, take_config},
-                                   {"camera", no_seeds, take_camera},
-                                   {"stereo", no_seeds, take_stereo},
+                                   {"camera", camera_seeds, take_camera},
+                                   {"stereo", stereo_seeds, take_stereo},
                                    {"registration", registration_seeds, take_registration},
                                    {"hand_eye", hand_eye_seeds, take_hand_eye},
                                    {"markups", markup_seeds, take_markups},
