@@ -33,6 +33,15 @@ std::string read_bytes(const std::string& path) {
   return bytes;
 }
 
+/// PNG, JPEG, TIFF, BMP, PGM and PPM. OpenCV looks for many more, among them DICOM, whose library
+/// ends the program over what it does not like.
+bool is_of_known_format(std::string_view bytes) {
+  constexpr std::string_view kBeginnings[] = {
+      "\x89PNG\r\n", "\xff\xd8\xff", {"II*\0", 4}, {"MM\0*", 4}, "BM", "P2", "P3", "P5", "P6"};
+  return std::any_of(std::begin(kBeginnings), std::end(kBeginnings),
+                     [bytes](std::string_view beginning) { return bytes.starts_with(beginning); });
+}
+
 /// PNG and JPEG say where they end.
 bool is_truncated(std::string_view bytes) {
   constexpr std::size_t kTrailerMax = 1024;
@@ -60,6 +69,7 @@ class QuietErrors {
 
 cv::Mat read_image_file(const std::string& path) {
   std::string bytes = read_bytes(path);
+  if (!is_of_known_format(bytes)) throw InputError(path + ": is not an image that can be decoded");
   if (is_truncated(bytes)) throw InputError(path + ": the image is truncated");
   const cv::Mat buffer(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data());
   cv::Mat image;

@@ -14,6 +14,7 @@
 #include "bridge/atomic_file.hpp"
 #include "bridge/camera_file.hpp"
 #include "bridge/depth_file.hpp"
+#include "bridge/image_file.hpp"
 #include "bridge/image_sequence.hpp"
 #include "bridge/surface_depth.hpp"
 #include "rt/core/error.hpp"
@@ -199,6 +200,19 @@ TEST_F(SequenceFiles, DepthFileKeepsItsNaNsAndRefusesOtherTypesAndSizes) {
   cv::imwrite(path("grey.tiff"), picture(0));
   EXPECT_TRUE(
       contains(refusal([&] { (void)read_depth_file(path("grey.tiff"), 64, 48); }), "float"));
+}
+
+TEST_F(SequenceFiles, WhatIsNoPictureIsKeptFromOpenCvsOtherDecoders) {
+  std::string dicom(128, '\0');  // its library asserts on this
+  dicom += "DICM\x89PNGOWA";
+  dicom += std::string("\0i", 2);
+  write(path("slice.png"), dicom);
+  EXPECT_NE(refusal([&] { (void)read_image_file(path("slice.png")); }).find("not an image"),
+            std::string::npos);
+  for (const char* name : {"a.png", "a.jpg", "a.tiff", "a.bmp", "a.pgm"}) {
+    cv::imwrite(path(name), picture(1));
+    EXPECT_EQ(refusal([&] { (void)read_image_file(path(name)); }), "") << name;
+  }
 }
 
 TEST_F(SequenceFiles, SurfaceIsDrawnInTheCameraAndTheNearestCounts) {
