@@ -147,7 +147,7 @@ class LiveFile : public ::testing::Test {
   }
 
   const fs::path folder_ =
-      fs::temp_directory_path() / ("holdfast-live-" + std::to_string(::getpid()));
+      fs::path("/dev/shm") / ("holdfast-live-" + std::to_string(::getpid()));  // as in a set-up
   const fs::path file_ = folder_ / "live_view";
   LiveReader reader_{file_};
 };
@@ -292,6 +292,10 @@ TEST_F(LiveFile, NoReaderSeesAMixture) {
   std::atomic<bool> is_ending{false};
   std::thread writing([&] {
     LivePicture picture = picture_of(0);
+    picture.width_px = picture.height_px = picture.camera_width_px = picture.camera_height_px = 1280;
+    picture.factor = 1;
+    picture.mask.resize(320 * 320);
+    picture.pixels.resize(1280 * 1280);
     for (std::uint64_t frame = 1; !is_ending; ++frame) {
       picture.frame = frame;
       std::fill(picture.pixels.begin(), picture.pixels.end(), static_cast<std::uint8_t>(frame));
@@ -300,7 +304,7 @@ TEST_F(LiveFile, NoReaderSeesAMixture) {
   });
   int mixtures = 0;
   std::uint64_t newest = 0;
-  for (int seen = 0; seen < 60;) {
+  for (int seen = 0; seen < 40;) {
     const LivePicture* picture = reader_.look(kNow);
     if (picture == nullptr || picture->frame == newest) continue;
     newest = picture->frame;

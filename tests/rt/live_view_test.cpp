@@ -70,6 +70,17 @@ TEST_F(LiveViewOfAScene, ShowsTheFrameMadeSmall) {
                   cv::mean(given(cv::Rect(kFactor * x, kFactor * y, kFactor, kFactor)))[0], 1);
 }
 
+TEST_F(LiveViewOfAScene, ShowsColourAsRedGreenBlue) {
+  cv::Mat image(kHeightPx, kWidthPx, CV_8UC3, cv::Scalar(10, 90, 170));  // blue, green, red
+  (void)offer(image);
+  const bridge::LivePicture* picture = look();
+  ASSERT_NE(picture, nullptr) << sentence(reader_.why());
+  ASSERT_EQ(picture->channels, 3);
+  EXPECT_EQ(picture->pixels.size(), 240U * 132U * 3U);
+  const std::vector<std::uint8_t> first(picture->pixels.begin(), picture->pixels.begin() + 3);
+  EXPECT_EQ(first, (std::vector<std::uint8_t>{170, 90, 10}));
+}
+
 TEST_F(LiveViewOfAScene, ShowsInliersAndTheMotionWhereTheyAre) {
   cv::Mat still = scene_.image(Eigen::Isometry3d::Identity());
   (void)offer(still);
