@@ -6,7 +6,7 @@ Undefined behaviour is looked for where the corpus is repeated: the unit tests u
 five times as long for these sources when it instruments both.)
 
 Each target starts from its seeds and the committed corpus. What it learns goes to a work folder, so that the next
-run goes on from there; --minimise brings the smallest set of inputs that reaches as much back as the corpus.
+run goes on from there; --minimise brings the shortest of the inputs that reach new code back to the corpus.
 
 Example: fuzz.py --fuzzer build/fuzz/bin/holdfast-fuzz-parsers --work build/fuzz/work --seconds 60
 Exit code: 0 no crash, hang or leak; 1 a finding, whose input is named; 3 the fuzzer is not there."""
@@ -23,6 +23,7 @@ import time
 HERE = pathlib.Path(__file__).resolve().parent
 INPUT_MAX = 1 << 16
 CORPUS_INPUT_MAX = 4096  # of what is committed
+CORPUS_INPUTS_MAX = 40  # of a target, the shortest
 
 
 def parse_arguments():
@@ -77,7 +78,7 @@ def fuzz(arguments, target):
 
 
 def minimise(arguments, target):
-    """The corpus becomes what reaches as much with the least."""
+    """To the corpus, of the least that reaches as much, the shortest."""
     learnt, given = folders(arguments, target)
     merged = arguments.work / f'{target}.merged'
     merged.mkdir(exist_ok=True)
@@ -87,7 +88,8 @@ def minimise(arguments, target):
         raise SystemExit(f'fuzz: merging the corpus of {target} failed: {arguments.work / (target + ".log")}')
     committed = HERE / 'corpus' / target
     committed.mkdir(parents=True, exist_ok=True)
-    for file in merged.iterdir():
+    kept = sorted(merged.iterdir(), key=lambda file: (file.stat().st_size, file.name))[:CORPUS_INPUTS_MAX]
+    for file in kept:
         if file.stat().st_size <= CORPUS_INPUT_MAX:
             file.replace(committed / file.name)
 
