@@ -5,10 +5,10 @@
 #include <cstring>
 
 #include <fmt/format.h>
-#include <opencv2/imgcodecs.hpp>
 #include <pthread.h>
 
 #include "bridge/depth_file.hpp"
+#include "bridge/image_file.hpp"
 #include "perception/direct_tracker.hpp"
 #include "rt/core/clock.hpp"
 #include "rt/core/error.hpp"
@@ -34,10 +34,7 @@ perception::SiteGeometry read_geometry(const DaemonConfig& config) {
 }
 
 perception::DirectTracker make_tracker(const DaemonConfig& config) {
-  const cv::Mat keyframe = cv::imread(config.registration.keyframe.string(), cv::IMREAD_ANYCOLOR);
-  if (keyframe.empty())
-    throw InputError(
-        fmt::format("{}: cannot be read as an image", config.registration.keyframe.string()));
+  const cv::Mat keyframe = bridge::read_image_file(config.registration.keyframe.string());
   perception::TrackerParameters parameters = config.tracker;
   parameters.check.is_threaded = true;
   perception::DirectTracker tracker{config.calibration, parameters};
