@@ -292,7 +292,8 @@ TEST_F(LiveFile, NoReaderSeesAMixture) {
   std::atomic<bool> is_ending{false};
   std::thread writing([&] {
     LivePicture picture = picture_of(0);
-    picture.width_px = picture.height_px = picture.camera_width_px = picture.camera_height_px = 1280;
+    picture.width_px = picture.height_px = picture.camera_width_px = picture.camera_height_px =
+        1280;
     picture.factor = 1;
     picture.mask.resize(320 * 320);
     picture.pixels.resize(1280 * 1280);
